@@ -1,0 +1,1 @@
+"""Differencing, cycle slips, integer searches and their validation."""

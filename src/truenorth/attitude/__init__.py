@@ -1,0 +1,1 @@
+"""From baselines to the attitude of the platform."""

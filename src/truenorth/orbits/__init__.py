@@ -1,0 +1,1 @@
+"""Satellite positions, clocks and the atmosphere between them and the antenna."""

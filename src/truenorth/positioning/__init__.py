@@ -1,0 +1,1 @@
+"""Single-point position and velocity."""
