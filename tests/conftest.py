@@ -28,7 +28,7 @@ def find_data_dir() -> Path | None:
 
 _DATA = find_data_dir()
 if _DATA is not None:
-    # Exported here rather than in the fixture, so that child processes and parametrised collection see it too.
+    # Exported here, not in the fixture, so that child processes and collection see it too.
     os.environ["TRUENORTH_DATA"] = str(_DATA)
 
 

@@ -23,10 +23,11 @@ In three lines::
 """
 
 import importlib
+from typing import Any
 
 __version__ = "0.1.0"
 
-_PUBLIC = {
+_PUBLIC: dict[str, str | None] = {
     "read": "formats",
     "read_observations": "formats",
     "read_navigation": "formats",
@@ -48,10 +49,10 @@ _PUBLIC = {
 }
 """Public name and the module that holds it; None marks a module. Loaded on first use."""
 
-__all__ = ["__version__", *_PUBLIC]
+__all__ = ["__version__", *_PUBLIC]  # noqa: PLE0604  (the keys are strings)
 
 
-def __getattr__(name):
+def __getattr__(name: str) -> Any:
     if name not in _PUBLIC:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = _PUBLIC[name]
@@ -63,5 +64,5 @@ def __getattr__(name):
     return value
 
 
-def __dir__():
+def __dir__() -> list[str]:
     return sorted(__all__)

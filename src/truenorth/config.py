@@ -5,7 +5,7 @@ Unknown keys and impossible values are refused before any work starts, naming th
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal, NoReturn
 
 import msgspec
 
@@ -88,8 +88,8 @@ class GnssSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """Base and rover time tags further apart are not the same epoch."""
     stochastic: StochasticSettings = StochasticSettings()
 
-    def __post_init__(self):
-        def refuse(key, value, wanted):
+    def __post_init__(self) -> None:
+        def refuse(key: str, value: object, wanted: str) -> NoReturn:
             raise ConfigError(f"`{key}` is {value!r}; give {wanted}", key=key, value=value)
 
         if not self.systems or set(self.systems) - set(SYSTEMS):
@@ -109,6 +109,6 @@ class GnssSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             refuse("success_probability", self.success_probability, "a share from 0.5 to below 1")
 
 
-def _describe(settings):
+def _describe(settings: msgspec.Struct) -> Any:
     """Settings as plain dictionaries, every default included."""
     return msgspec.to_builtins(settings)

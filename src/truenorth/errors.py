@@ -42,7 +42,14 @@ class FormatError(TrueNorthError, ValueError):
         Zero-based offset, for binary formats.
     """
 
-    def __init__(self, message, *, path=None, line_number=None, byte_offset=None):
+    def __init__(
+        self,
+        message: str,
+        *,
+        path: object = None,
+        line_number: int | None = None,
+        byte_offset: int | None = None,
+    ) -> None:
         self.path = None if path is None else str(path)
         self.line_number = line_number
         self.byte_offset = byte_offset
@@ -67,7 +74,7 @@ class ConfigError(TrueNorthError, ValueError):
         What was given.
     """
 
-    def __init__(self, message, *, key=None, value=None):
+    def __init__(self, message: str, *, key: str | None = None, value: object = None) -> None:
         self.key = key
         self.value = value
         super().__init__(message)
@@ -90,7 +97,7 @@ class Status(IntEnum):
     FIXED = 3
 
     @property
-    def label(self):
+    def label(self) -> str:
         """str: The word used in files: ``none``, ``float``, ``held`` or ``fixed``."""
         return self.name.lower()
 

@@ -5,6 +5,7 @@ from true north. Ellipsoid: WGS 84.
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 __all__ = [
     "WGS84_A_M",
@@ -21,7 +22,9 @@ WGS84_F = 1.0 / 298.257_223_563
 WGS84_E2 = WGS84_F * (2.0 - WGS84_F)
 
 
-def ecef_from_geodetic(latitude_rad, longitude_rad, height_m):
+def ecef_from_geodetic(
+    latitude_rad: float | np.ndarray, longitude_rad: float | np.ndarray, height_m: float | np.ndarray
+) -> np.ndarray:
     """Geodetic coordinates on WGS 84 to ECEF.
 
     Parameters
@@ -46,7 +49,7 @@ def ecef_from_geodetic(latitude_rad, longitude_rad, height_m):
     )
 
 
-def geodetic_from_ecef(position_ecef_m):
+def geodetic_from_ecef(position_ecef_m: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """ECEF to geodetic coordinates on WGS 84, by Bowring's form iterated to machine precision.
 
     Parameters
@@ -75,7 +78,7 @@ def geodetic_from_ecef(position_ecef_m):
     return lat, np.arctan2(y, x), height
 
 
-def rot_enu_from_ecef(latitude_rad, longitude_rad):
+def rot_enu_from_ecef(latitude_rad: float | np.ndarray, longitude_rad: float | np.ndarray) -> np.ndarray:
     """Rotation from ECEF to local east, north, up at a geodetic position.
 
     Parameters
@@ -96,13 +99,13 @@ def rot_enu_from_ecef(latitude_rad, longitude_rad):
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def rot_ned_from_ecef(latitude_rad, longitude_rad):
+def rot_ned_from_ecef(latitude_rad: float | np.ndarray, longitude_rad: float | np.ndarray) -> np.ndarray:
     """Rotation from ECEF to local north, east, down; arguments as `rot_enu_from_ecef`."""
     enu = rot_enu_from_ecef(latitude_rad, longitude_rad)
     return np.stack([enu[..., 1, :], enu[..., 0, :], -enu[..., 2, :]], axis=-2)
 
 
-def azimuth_elevation_from_enu(vector_enu):
+def azimuth_elevation_from_enu(vector_enu: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Azimuth (clockwise from north, [0, 2 pi)) and elevation of vectors, radians.
 
     Parameters

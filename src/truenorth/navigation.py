@@ -9,8 +9,14 @@ from enum import IntEnum
 
 import numpy as np
 
-__all__ = ["KEPLER_COLUMNS", "STATE_COLUMNS", "KeplerEphemerides", "MessageType", "Navigation",
-           "StateEphemerides"]
+__all__ = [
+    "KEPLER_COLUMNS",
+    "STATE_COLUMNS",
+    "KeplerEphemerides",
+    "MessageType",
+    "Navigation",
+    "StateEphemerides",
+]
 
 
 class MessageType(IntEnum):
@@ -100,11 +106,11 @@ class KeplerEphemerides:
     health: np.ndarray
     elements: np.ndarray
 
-    def __len__(self):
+    def __len__(self) -> int:
         """Number of ephemerides."""
         return len(self.sat)
 
-    def column(self, name):
+    def column(self, name: str) -> np.ndarray:
         """One column of ``elements`` by its name in `KEPLER_COLUMNS`, shape (n,)."""
         return self.elements[:, KEPLER_COLUMNS.index(name)]
 
@@ -134,7 +140,7 @@ class StateEphemerides:
     health: np.ndarray
     states: np.ndarray
 
-    def __len__(self):
+    def __len__(self) -> int:
         """Number of ephemerides."""
         return len(self.sat)
 
@@ -169,7 +175,7 @@ class Navigation:
     skipped: dict[str, int] = field(default_factory=dict)
     paths: tuple[str, ...] = ()
 
-    def glonass_channels(self):
+    def glonass_channels(self) -> np.ndarray:
         """GLONASS frequency channel by slot, shape (100,), as in `Observations`."""
         from .constants import GLONASS
         from .observations import NO_CHANNEL

@@ -6,6 +6,7 @@ of the epochs. Satellites and signals are small integers (`sat_id`, `signal_id`)
 """
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -37,17 +38,17 @@ NO_CHANNEL = -128
 _UNKNOWN_ATTRIBUTE = 26
 
 
-def sat_id(name):
+def sat_id(name: str) -> int:
     """Integer of a satellite name: 100 * system + number; ``"G05"`` is 5, ``"E11"`` is 211."""
     return SYSTEMS.index(name[0]) * 100 + int(name[1:])
 
 
-def sat_name(sat):
+def sat_name(sat: int) -> str:
     """Name of a satellite integer, the inverse of `sat_id`."""
     return f"{SYSTEMS[sat // 100]}{sat % 100:02d}"
 
 
-def signal_id(name):
+def signal_id(name: str) -> int:
     """Integer of a RINEX 3 band and attribute: 100 * band + letter; ``"1C"`` is 102.
 
     A missing or blank attribute (``"1 "``) is kept as unknown.
@@ -57,13 +58,13 @@ def signal_id(name):
     return int(name[0]) * 100 + letter
 
 
-def signal_name(signal):
+def signal_name(signal: int) -> str:
     """Band and attribute of a signal integer, the inverse of `signal_id` (unknown is ``"?"``)."""
     letter = signal % 100
     return f"{signal // 100}{'?' if letter == _UNKNOWN_ATTRIBUTE else chr(ord('A') + letter)}"
 
 
-def frequency_hz(sat, signal, glonass_channel=None):
+def frequency_hz(sat: Any, signal: Any, glonass_channel: np.ndarray | None = None) -> np.ndarray:
     """Carrier frequency of satellite-signal pairs.
 
     Parameters
@@ -178,21 +179,21 @@ class Observations:
     events: tuple[ObservationEvent, ...] = ()
 
     @property
-    def n_epochs(self):
+    def n_epochs(self) -> int:
         """int: Number of epochs."""
         return len(self.time_ns)
 
     @property
-    def n_rows(self):
+    def n_rows(self) -> int:
         """int: Number of satellite-signal rows over all epochs."""
         return len(self.sat)
 
     @property
-    def epoch_of_row(self):
+    def epoch_of_row(self) -> np.ndarray:
         """Ndarray of int64, shape (n_rows,): epoch index of every row."""
         return np.repeat(np.arange(self.n_epochs), np.diff(self.epoch_start))
 
-    def select_epochs(self, keep):
+    def select_epochs(self, keep: slice | np.ndarray) -> "Observations":
         """Keep some epochs.
 
         Parameters
@@ -215,7 +216,7 @@ class Observations:
             clock_offset_s=self.clock_offset_s[chosen],
         )
 
-    def select_rows(self, keep):
+    def select_rows(self, keep: np.ndarray) -> "Observations":
         """Keep some rows; epochs stay, possibly empty.
 
         Parameters
@@ -233,11 +234,11 @@ class Observations:
             epoch_start=cumulative[self.epoch_start].astype(np.int64),
         )
 
-    def _take_rows(self, rows):
+    def _take_rows(self, rows: np.ndarray) -> "Observations":
         columns = ("sat", "signal", "code_m", "phase_cyc", "doppler_hz", "cn0_dbhz", "lli")
         return replace(self, **{name: getattr(self, name)[rows] for name in columns})
 
-    def __str__(self):
+    def __str__(self) -> str:
         """One line: source, epochs, span, satellites."""
         from .timescales import format_gpst
 

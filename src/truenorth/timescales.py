@@ -7,6 +7,7 @@ some epoch. GLONASS, BeiDou and UTC are converted once, in the readers.
 """
 
 from datetime import UTC, datetime
+from typing import Any
 
 import numpy as np
 
@@ -57,7 +58,7 @@ _LEAPS = [
 _LEAP_UTC_NS = np.array([(np.datetime64(d, "ns") - _GPS_EPOCH).astype(np.int64) for d, _ in _LEAPS])
 
 
-def leap_seconds(utc_ns):
+def leap_seconds(utc_ns: Any) -> Any:
     """GPS time minus UTC.
 
     Parameters
@@ -73,12 +74,14 @@ def leap_seconds(utc_ns):
     return np.searchsorted(_LEAP_UTC_NS, utc_ns, side="right")
 
 
-def gpst_from_utc_ns(utc_ns):
+def gpst_from_utc_ns(utc_ns: Any) -> Any:
     """GPS time of a UTC instant, both in nanoseconds since 1980-01-06 of their own scale."""
     return utc_ns + leap_seconds(utc_ns) * NS_PER_S
 
 
-def gpst_from_calendar(year, month, day, hour=0, minute=0, second=0.0):
+def gpst_from_calendar(
+    year: int, month: int, day: int, hour: int = 0, minute: int = 0, second: float = 0.0
+) -> int:
     """Nanoseconds of a calendar time within one continuous scale.
 
     Parameters
@@ -98,12 +101,12 @@ def gpst_from_calendar(year, month, day, hour=0, minute=0, second=0.0):
     return whole * NS_PER_S + round(second * NS_PER_S)
 
 
-def gpst_from_week(week, tow_s):
+def gpst_from_week(week: int, tow_s: float) -> int:
     """Nanoseconds of GPS time from a continuous week number and seconds of the week."""
     return int(week) * NS_PER_WEEK + round(float(tow_s) * NS_PER_S)
 
 
-def week_from_gpst(time_ns):
+def week_from_gpst(time_ns: Any) -> tuple[Any, Any]:
     """Split GPS time into continuous week and seconds of week.
 
     Parameters
@@ -122,12 +125,12 @@ def week_from_gpst(time_ns):
     return week, (time_ns - week * NS_PER_WEEK) / NS_PER_S
 
 
-def gpst_to_datetime64(time_ns):
+def gpst_to_datetime64(time_ns: Any) -> Any:
     """GPS time as ``datetime64[ns]`` (still GPS time, not UTC)."""
     return _GPS_EPOCH + np.asarray(time_ns, dtype=np.int64).astype("timedelta64[ns]")
 
 
-def format_gpst(time_ns, *, decimals=3):
+def format_gpst(time_ns: Any, *, decimals: int = 3) -> str:
     """Write GPS time as ISO 8601 without a zone, e.g. ``2024-06-24T08:20:00.000``."""
     step = 10 ** (9 - decimals)
     rounded = (int(time_ns) + step // 2) // step * step
@@ -135,7 +138,7 @@ def format_gpst(time_ns, *, decimals=3):
     return text[: 20 + decimals] if decimals else text[:19]
 
 
-def parse_gpst(text):
+def parse_gpst(text: str) -> int:
     """Read an ISO 8601 GPS time, the inverse of `format_gpst`.
 
     Raises
@@ -146,4 +149,4 @@ def parse_gpst(text):
     stamp = np.datetime64(text.strip().replace(" ", "T").removesuffix("Z"), "ns")
     if np.isnat(stamp):
         raise ValueError(f"could not read a time: {text!r} is not ISO 8601")
-    return int((stamp - _GPS_EPOCH).astype(np.int64))
+    return int(np.int64(stamp - _GPS_EPOCH))

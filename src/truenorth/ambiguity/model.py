@@ -68,7 +68,7 @@ class DoubleDifferences:
     cov_prior_m2: np.ndarray | None = None
 
     @property
-    def n_phases(self):
+    def n_phases(self) -> int:
         """int: Number of double-difference phases m."""
         return len(self.phase_m)
 

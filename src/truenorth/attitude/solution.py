@@ -1,6 +1,7 @@
 """The result of a run over two antennas: one baseline per epoch, with all that is known about it."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -127,28 +128,28 @@ class BaselineSolution:
     residual_azimuth_rad: np.ndarray
     residual_integer_cyc: np.ndarray
     residual_is_reference: np.ndarray
-    settings: dict = field(default_factory=dict)
-    inputs: dict = field(default_factory=dict)
+    settings: dict[str, Any] = field(default_factory=dict)
+    inputs: dict[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     events: tuple[EpochEvent, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
 
     @property
-    def n_epochs(self):
+    def n_epochs(self) -> int:
         """int: Number of epochs."""
         return len(self.time_ns)
 
     @property
-    def is_accepted(self):
+    def is_accepted(self) -> np.ndarray:
         """Ndarray of bool, shape (n,): epochs with validated integers (fixed or held)."""
         return (self.status == Status.FIXED) | (self.status == Status.HELD)
 
-    def __str__(self):
+    def __str__(self) -> str:
         """One line: epochs, share accepted."""
         accepted = int(np.count_nonzero(self.is_accepted))
         return f"baseline solution: {self.n_epochs} epochs, {accepted} accepted"
 
-    def reason_counts(self):
+    def reason_counts(self) -> dict[Reason, int]:
         """Epochs by reason, as ``{Reason: count}`` in order of frequency."""
         codes, counts = np.unique(self.reason, return_counts=True)
         order = np.argsort(-counts, kind="stable")
