@@ -5,14 +5,29 @@ Unknown keys and impossible values are refused before any work starts, naming th
 
 from __future__ import annotations
 
-from typing import Any, Literal, NoReturn
+import difflib
+import math
+import os
+import re
+import tomllib
+from pathlib import Path
+from typing import Any, Literal, NoReturn, TypeVar, get_args, get_origin
 
 import msgspec
 
 from .constants import BAND_CLASSES, SYSTEMS
-from .errors import ConfigError
+from .errors import ConfigError, FormatError
 
-__all__ = ["METHODS", "GnssSettings", "StochasticSettings"]
+__all__ = [
+    "METHODS",
+    "AntennaSection",
+    "GnssSection",
+    "GnssSettings",
+    "PlatformSection",
+    "Session",
+    "StochasticSettings",
+    "convert_settings",
+]
 
 METHODS = ("constrained", "lambda", "lsast", "exhaustive", "kalman", "filter")
 """Names of the integer resolution methods."""
@@ -112,3 +127,314 @@ class GnssSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 def _describe(settings: msgspec.Struct) -> Any:
     """Settings as plain dictionaries, every default included."""
     return msgspec.to_builtins(settings)
+
+
+class AntennaSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One antenna of the platform, a ``[[platform.antennas]]`` table of a session file."""
+
+    name: str
+    observations: str
+    """File of its receiver; relative to the session file."""
+    position_body_m: tuple[float, float, float] | None = None
+    """Where it stands in the body frame: forward, right, down, metres."""
+
+
+class PlatformSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The ``[platform]`` table: antennas in body coordinates, or one known length."""
+
+    name: str = ""
+    antennas: tuple[AntennaSection, ...]
+    """The first is the base, the second the rover."""
+    length_m: float | None = None
+    """Separation of the antennas, where body coordinates are not known."""
+
+
+class GnssSection(GnssSettings, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The ``[gnss]`` table: `GnssSettings` and the navigation files."""
+
+    navigation: tuple[str, ...] = ()
+    """Broadcast ephemerides; may be left out where the observation logs hold them (UBX)."""
+
+
+class Session(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A session file: the platform, its files and how to solve them.
+
+    Paths are relative to the session file in the file, and relative to the working directory (or
+    absolute) here. Use `read` for a file, `from_toml` for text, `for_pair` for two observation files.
+    """
+
+    platform: PlatformSection
+    gnss: GnssSection = GnssSection()
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Session:
+        """Read a session file and make sure that its input files exist.
+
+        Parameters
+        ----------
+        path : str or path-like
+            The ``session.toml``.
+
+        Returns
+        -------
+        Session
+
+        Raises
+        ------
+        FormatError
+            If the session file cannot be read.
+        ConfigError
+            If it is not TOML, holds an unknown key or an impossible value, or names a missing file.
+        """
+        path = Path(path)
+        try:
+            text = path.read_text(encoding="utf-8")
+        except OSError as error:
+            raise FormatError(f"could not read the session: {error.strerror}", path=str(path)) from error
+        except UnicodeDecodeError as error:
+            raise FormatError("could not read the session: it is not UTF-8 text", path=str(path)) from error
+        try:
+            session = cls.from_toml(text, folder=path.parent)
+        except ConfigError as error:
+            raise ConfigError(f"{path}: {error}", key=error.key, value=error.value) from error
+        for key, name in session._files():
+            if not Path(name).is_file():
+                raise ConfigError(f"{path}: `{key}` names {name}, which is not a file", key=key, value=name)
+        return session
+
+    @classmethod
+    def from_toml(cls, text: str, *, folder: str | os.PathLike[str] = "") -> Session:
+        """Read a session from TOML text.
+
+        Parameters
+        ----------
+        text : str
+            The content of a session file.
+        folder : str or path-like
+            What relative paths start from.
+
+        Returns
+        -------
+        Session
+
+        Raises
+        ------
+        ConfigError
+            If the text is not TOML, or holds an unknown key or an impossible value.
+        """
+        try:
+            table = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise ConfigError(f"the session is not valid TOML: {error}") from error
+        session = convert_settings(table, cls)
+        antennas = tuple(
+            msgspec.structs.replace(antenna, observations=os.path.join(folder, antenna.observations))
+            for antenna in session.platform.antennas
+        )
+        navigation = tuple(os.path.join(folder, name) for name in session.gnss.navigation)
+        return msgspec.structs.replace(
+            session,
+            platform=msgspec.structs.replace(session.platform, antennas=antennas),
+            gnss=msgspec.structs.replace(session.gnss, navigation=navigation),
+        )
+
+    @classmethod
+    def for_pair(
+        cls, base: str, rover: str, navigation: tuple[str, ...] = (), settings: GnssSettings | None = None
+    ) -> Session:
+        """Session of two observation files and their navigation files; names relative to here."""
+        antennas = (
+            AntennaSection(name="base", observations=str(base)),
+            AntennaSection(name="rover", observations=str(rover)),
+        )
+        fields = msgspec.structs.asdict(settings or GnssSettings())
+        gnss = GnssSection(**fields, navigation=tuple(str(name) for name in navigation))
+        return cls(platform=PlatformSection(antennas=antennas), gnss=gnss)
+
+    def __post_init__(self) -> None:
+        def refuse(key: str, value: object, text: str) -> NoReturn:
+            raise ConfigError(f"`{key}` {text}", key=key, value=value)
+
+        antennas = self.platform.antennas
+        if len(antennas) != 2:
+            refuse("platform.antennas", len(antennas), f"holds {len(antennas)} antennas; give two")
+        if antennas[0].name == antennas[1].name:
+            refuse("platform.antennas[1].name", antennas[1].name, "is used twice; give each antenna its own")
+        lengths = {
+            "gnss.length_m": self.gnss.length_m,
+            "platform.length_m": self.platform.length_m,
+            "platform.antennas": _body_length_m(antennas),
+        }
+        known = [(key, length_m) for key, length_m in lengths.items() if length_m is not None]
+        for key, length_m in known:
+            if not 0.01 <= length_m <= 10_000.0:
+                refuse(key, length_m, f"gives a length of {length_m:g} m; give one from 0.01 to 10000 m")
+            if abs(length_m - known[0][1]) > 5.0 * self.gnss.length_sd_m + 0.001:
+                other, other_m = known[0]
+                refuse(
+                    key, length_m, f"gives {length_m:g} m but `{other}` gives {other_m:g} m; give one of them"
+                )
+
+    @property
+    def observation_paths(self) -> tuple[str, str]:
+        """Observation files of base and rover."""
+        first, second = self.platform.antennas
+        return first.observations, second.observations
+
+    @property
+    def settings(self) -> GnssSettings:
+        """Solver settings, with the length that the platform gives where ``[gnss]`` has none."""
+        fields = msgspec.structs.asdict(self.gnss)
+        del fields["navigation"]
+        for length_m in (self.platform.length_m, _body_length_m(self.platform.antennas)):
+            if fields["length_m"] is None:
+                fields["length_m"] = length_m
+        return GnssSettings(**fields)
+
+    def to_toml(self, *, folder: str | os.PathLike[str] | None = None) -> str:
+        """Write the session as TOML, every default included.
+
+        Parameters
+        ----------
+        folder : str or path-like, optional
+            Where the file will live: names of files below it become relative to it, others absolute.
+            By default names stay as they are.
+
+        Returns
+        -------
+        str
+            Text that `from_toml` reads back to an equal session.
+        """
+
+        def place(name: str) -> str:
+            if folder is None:
+                return name
+            absolute, home = Path(name).resolve(), Path(folder).resolve()
+            return str(absolute.relative_to(home) if absolute.is_relative_to(home) else absolute)
+
+        table = _describe(self)
+        for antenna in table["platform"]["antennas"]:
+            antenna["observations"] = place(antenna["observations"])
+        table["gnss"]["navigation"] = [place(name) for name in table["gnss"]["navigation"]]
+        return "\n".join(_toml_lines(table)).lstrip() + "\n"
+
+    def _files(self) -> list[tuple[str, str]]:
+        """Input files with the keys that name them."""
+        named = [
+            (f"platform.antennas[{k}].observations", antenna.observations)
+            for k, antenna in enumerate(self.platform.antennas)
+        ]
+        return named + [(f"gnss.navigation[{k}]", name) for k, name in enumerate(self.gnss.navigation)]
+
+
+def _body_length_m(antennas: tuple[AntennaSection, ...]) -> float | None:
+    """Separation of the first two antennas by their body coordinates, None where one is not given."""
+    first, second = (antenna.position_body_m for antenna in antennas[:2])
+    return None if first is None or second is None else math.dist(first, second)
+
+
+Section = TypeVar("Section", bound=msgspec.Struct)
+
+
+def convert_settings(table: dict[str, Any], kind: type[Section], *, prefix: str = "") -> Section:
+    """Turn plain dictionaries into settings, strictly.
+
+    Parameters
+    ----------
+    table : dict
+        Keys and values, as read from TOML or the command line.
+    kind : type
+        `GnssSettings`, `Session` or another struct of this module.
+    prefix : str
+        What error messages write before the keys, e.g. ``gnss.``.
+
+    Returns
+    -------
+    msgspec.Struct
+        An instance of `kind`.
+
+    Raises
+    ------
+    ConfigError
+        Naming the key in dotted form: unknown (with the nearest known one), missing, of a wrong
+        type, or with an impossible value.
+    """
+    _refuse_unknown(table, kind, prefix)
+    try:
+        return msgspec.convert(table, kind)
+    except msgspec.ValidationError as error:
+        match = re.fullmatch(r"(?s)(.*?)(?: - at `\$\.?(.*)`)?", str(error))
+        assert match is not None  # the pattern matches any text
+        text, place = match.group(1), prefix + (match.group(2) or "")
+        cause = error.__cause__
+        if isinstance(cause, ConfigError):
+            outer = f"{place}." if place and not place.endswith(".") else place
+            key = f"{outer}{cause.key}"
+            raise ConfigError(
+                str(cause).replace(f"`{cause.key}`", f"`{key}`", 1), key=key, value=cause.value
+            ) from None
+        if missing := re.search(r"missing required field `(\w+)`", text):
+            key = f"{place}.{missing.group(1)}".lstrip(".")
+            raise ConfigError(f"`{key}` is missing; give it", key=key) from None
+        value = _value_at(table, place.removeprefix(prefix))
+        wanted = _choices(kind, place.removeprefix(prefix)) or text[:1].lower() + text[1:]
+        raise ConfigError(f"`{place}` is {value!r}; {wanted}", key=place, value=value) from None
+
+
+def _refuse_unknown(table: Any, kind: Any, prefix: str) -> None:
+    """Refuse keys that a struct does not have, at any depth, suggesting the nearest one."""
+    if get_origin(kind) is tuple and isinstance(table, list):
+        for k, item in enumerate(table):
+            _refuse_unknown(item, get_args(kind)[0], f"{prefix.removesuffix('.')}[{k}].")
+    if not (isinstance(kind, type) and issubclass(kind, msgspec.Struct) and isinstance(table, dict)):
+        return
+    kinds = {entry.name: entry.type for entry in msgspec.structs.fields(kind)}
+    for key, value in table.items():
+        if key not in kinds:
+            near = difflib.get_close_matches(key, kinds, n=1, cutoff=0.5)
+            hint = f"did you mean `{near[0]}`?" if near else "known are " + ", ".join(kinds)
+            raise ConfigError(f"`{prefix}{key}` is not a setting; {hint}", key=prefix + key, value=value)
+        _refuse_unknown(value, kinds[key], f"{prefix}{key}.")
+
+
+def _choices(kind: Any, place: str) -> str:
+    """What a setting that is one of a few words may be, as ``give one of ...``; else empty."""
+    for name in place.split("."):
+        if not (isinstance(kind, type) and issubclass(kind, msgspec.Struct)):
+            return ""
+        kind = {entry.name: entry.type for entry in msgspec.structs.fields(kind)}.get(name)
+    return "give one of " + ", ".join(get_args(kind)) if get_origin(kind) is Literal else ""
+
+
+def _value_at(table: Any, place: str) -> Any:
+    """The value at a dotted place such as ``platform.antennas[0].name``."""
+    for name in re.findall(r"\w+", place):
+        table = table[int(name)] if isinstance(table, list) else table[name]
+    return table
+
+
+def _toml_lines(table: dict[str, Any], prefix: str = "") -> list[str]:
+    """Lines of a TOML table; settings without a value stand as comments, for TOML has no null."""
+    lines, inner = [], []
+    for key, value in table.items():
+        if isinstance(value, dict):
+            inner += ["", f"[{prefix}{key}]", *_toml_lines(value, f"{prefix}{key}.")]
+        elif isinstance(value, list | tuple) and value and isinstance(value[0], dict):
+            for item in value:
+                inner += ["", f"[[{prefix}{key}]]", *_toml_lines(item, f"{prefix}{key}.")]
+        elif value is None:
+            lines.append(f"# {key} is not set")
+        else:
+            lines.append(f"{key} = {_toml_value(value)}")
+    return lines + inner
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        # JSON escapes are TOML escapes, but for the delete character, which TOML wants escaped.
+        return msgspec.json.encode(value).decode().replace("\x7f", "\\u007F")
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml_value(item) for item in value) + "]"
+    return repr(value)
