@@ -1,0 +1,291 @@
+"""Compiled integer search with the baseline length inside the objective.
+
+Objective of one integer vector a (Teunissen 2010, eq. (14); Giorgi et al. 2012):
+
+    C(a) = min over b of  |phase residual|^2 + |code residual|^2 + (|b| - l)^2 / sigma_l^2
+
+Bound. For every mu >= 0 with mu sigma_l^2 < 1 and every b
+
+    (|b| - l)^2 / sigma_l^2  >=  mu |b|^2 - mu l^2 / (1 - mu sigma_l^2),
+
+so C(a) >= J_mu(a) - mu l^2 / (1 - mu sigma_l^2), where J_mu is the ordinary integer least-squares
+objective with the pseudo-observation "b = 0, weight mu". Enumerating the integer vectors of that
+ordinary problem up to the bound therefore misses no candidate, needs no pseudorange, and never
+linearises the length.
+"""
+
+import numpy as np
+
+from .jit import kernel
+
+
+@kernel
+def eigen_symmetric_3(matrix, values, vectors):
+    """Eigenvalues (ascending) and eigenvectors (columns) of a symmetric 3 x 3 matrix, by Jacobi."""
+    a = matrix.copy()
+    for i in range(3):
+        for j in range(3):
+            vectors[i, j] = 1.0 if i == j else 0.0
+    for _ in range(30):
+        off = abs(a[0, 1]) + abs(a[0, 2]) + abs(a[1, 2])
+        if off <= 1e-15 * (abs(a[0, 0]) + abs(a[1, 1]) + abs(a[2, 2])):
+            break
+        for p in range(2):
+            for q in range(p + 1, 3):
+                if a[p, q] == 0.0:
+                    continue
+                theta = (a[q, q] - a[p, p]) / (2.0 * a[p, q])
+                t = 1.0 / (abs(theta) + np.sqrt(theta * theta + 1.0))
+                if theta < 0.0:
+                    t = -t
+                c = 1.0 / np.sqrt(t * t + 1.0)
+                s = t * c
+                for k in range(3):
+                    akp, akq = a[k, p], a[k, q]
+                    a[k, p] = c * akp - s * akq
+                    a[k, q] = s * akp + c * akq
+                for k in range(3):
+                    apk, aqk = a[p, k], a[q, k]
+                    a[p, k] = c * apk - s * aqk
+                    a[q, k] = s * apk + c * aqk
+                for k in range(3):
+                    vkp, vkq = vectors[k, p], vectors[k, q]
+                    vectors[k, p] = c * vkp - s * vkq
+                    vectors[k, q] = s * vkp + c * vkq
+    for i in range(3):
+        values[i] = a[i, i]
+    for i in range(2):
+        for j in range(i + 1, 3):
+            if values[j] < values[i]:
+                values[i], values[j] = values[j], values[i]
+                for k in range(3):
+                    vectors[k, i], vectors[k, j] = vectors[k, j], vectors[k, i]
+
+
+@kernel
+def nearest_on_shell(centre, information, length, variance, b):
+    """Minimise sum p_i (b_i - c_i)^2 + (|b| - l)^2 / sigma^2 in the eigenframe of the information.
+
+    The minimiser is b_i = p_i c_i / (p_i + nu) with nu the root of |b(nu)| (1 - nu sigma^2) = l in
+    (-p_min, 1 / sigma^2), where the left side falls monotonically; sigma = 0 puts b on the sphere.
+    Where c has no component along the weakest direction the root may not exist (the hard case):
+    nu = -p_min and that component takes up the rest of the length.
+
+    Parameters are the centre c (3,), the eigenvalues p (3,) ascending and positive, l, sigma^2 and
+    the output b (3,). Returns (nu, minimum).
+    """
+    p_min = information[0]
+    low = -p_min
+    high = np.inf if variance <= 0.0 else 1.0 / variance
+    # Start from the radial guess; every step keeps the bracket.
+    norm = np.sqrt(centre[0] ** 2 + centre[1] ** 2 + centre[2] ** 2)
+    nu = 0.0
+    hard = False
+    for _ in range(100):
+        square = 0.0
+        slope = 0.0
+        for i in range(3):
+            b[i] = information[i] * centre[i] / (information[i] + nu)
+            square += b[i] * b[i]
+            slope += b[i] * b[i] / (information[i] + nu)
+        norm = np.sqrt(square)
+        if norm == 0.0:
+            hard = True
+            break
+        # phi(nu) = 1 / |b| - (1 - nu sigma^2) / l: increasing, nearly linear.
+        phi = 1.0 / norm - (1.0 - nu * variance) / length
+        if abs(phi) * norm < 1e-14:
+            break
+        if phi > 0.0:
+            high = nu
+        else:
+            low = nu
+        derivative = slope / (square * norm) + variance / length
+        step = nu - phi / derivative
+        if not low < step < high:
+            step = 0.5 * (low + high) if high < np.inf else 2.0 * abs(nu) + p_min
+        if abs(step - nu) <= 1e-15 * (p_min + abs(nu)):
+            nu = step
+            if p_min + nu < 1e-9 * p_min:
+                hard = True
+            break
+        nu = step
+        if p_min + nu < 1e-12 * p_min:
+            hard = True
+            break
+    if hard:
+        nu = -p_min
+        target = length / (1.0 - nu * variance)
+        rest = 0.0
+        for i in range(1, 3):
+            gap = information[i] + nu
+            b[i] = information[i] * centre[i] / gap if gap > 1e-12 * information[i] else 0.0
+            rest += b[i] * b[i]
+        b[0] = np.sqrt(max(target * target - rest, 0.0))
+        if centre[0] < 0.0:
+            b[0] = -b[0]
+    inner = 0.0
+    square = 0.0
+    for i in range(3):
+        inner += information[i] * (b[i] - centre[i]) ** 2
+        square += b[i] * b[i]
+    if variance > 0.0:
+        inner += (np.sqrt(square) - length) ** 2 / variance
+    return nu, inner
+
+
+@kernel
+def search_shell(
+    n, lower, diag, z_float, gain, b_float, information, axes, mu, j_min,
+    length, variance, cap, margin, max_nodes,
+    z_best, cost_best, b_best, b_free, step, z_now, z_cond, partial, sums,
+):  # fmt: skip
+    """Enumerate decorrelated integers depth first and evaluate the exact objective at each leaf.
+
+    Parameters
+    ----------
+    n : int
+        Dimension.
+    lower, diag : ndarray
+        Factors of the decorrelated covariance, Q = L' D L.
+    z_float : ndarray, shape (n,)
+        Decorrelated float ambiguities.
+    gain : ndarray, shape (3, n)
+        Baseline shift per unit of (z_float - z), in the eigenframe.
+    b_float : ndarray, shape (3,)
+        Float baseline with the pseudo-observation, in the eigenframe.
+    information, axes : ndarray
+        Eigenvalues of the information on b once the integers are known (without mu).
+    mu, j_min : float
+        Weight of the pseudo-observation and the least value of its objective.
+    length, variance : float
+        Known length and its variance; NaN length leaves the objective unconstrained.
+    cap : float
+        Candidates with a larger objective are of no interest.
+    margin : float
+        Candidates within this of the best count for the posterior probability.
+    max_nodes : int
+        Give up after so many nodes.
+    z_best, cost_best, b_best, b_free : ndarray, shapes (2, n), (2,), (2, 3), (2, 3)
+        Outputs: the two best, their objective, constrained and unconstrained baselines (eigenframe).
+    step, z_now, z_cond, partial, sums : ndarray
+        Scratch of shapes (n,), (n,), (n,), (n + 1,), (n, n).
+
+    Returns
+    -------
+    found : int
+        Candidates evaluated within the cap.
+    nodes : int
+        Nodes visited.
+    complete : int
+        1 when the search was exhaustive.
+    log_mass : float
+        Logarithm of the posterior mass of all candidates relative to the best one.
+    """
+    constrained = length == length
+    offset = 0.0
+    if constrained:
+        offset = mu * length * length / (1.0 - mu * variance)
+    cost_best[0] = np.inf
+    cost_best[1] = np.inf
+    limit = cap
+    bound = limit + offset - j_min
+    found = 0
+    nodes = 0
+    complete = 1
+    best_log_volume = 0.0
+    # Posterior mass relative to exp(-reference / 2): rescaled whenever a better one is found.
+    mass = 0.0
+    reference = np.inf
+    c = np.empty(3)
+    b = np.empty(3)
+    k = n - 1
+    for i in range(n):
+        for j in range(n):
+            sums[i, j] = 0.0
+    partial[n] = 0.0
+    z_cond[k] = z_float[k]
+    z_now[k] = np.floor(z_cond[k] + 0.5)
+    step[k] = 1.0 if z_cond[k] >= z_now[k] else -1.0
+    while True:
+        nodes += 1
+        if nodes > max_nodes:
+            complete = 0
+            break
+        gap = z_cond[k] - z_now[k]
+        here = partial[k + 1] + gap * gap / diag[k]
+        if here <= bound:
+            if k > 0:
+                partial[k] = here
+                for i in range(k):
+                    sums[k - 1, i] = sums[k, i] + (z_now[k] - z_cond[k]) * lower[k, i]
+                k -= 1
+                z_cond[k] = z_float[k] + sums[k, k]
+                z_now[k] = np.floor(z_cond[k] + 0.5)
+                step[k] = 1.0 if z_cond[k] >= z_now[k] else -1.0
+                continue
+            # A leaf: exact objective.
+            cost = j_min + here
+            for i in range(3):
+                value = b_float[i]
+                for j in range(n):
+                    value -= gain[i, j] * (z_float[j] - z_now[j])
+                c[i] = value * (information[i] + mu) / information[i]
+                cost -= mu * value * c[i]
+            log_volume = 0.0
+            if constrained:
+                norm = np.sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2])
+                if cost + (norm - length) ** 2 / (1.0 / information[0] + variance) <= limit:
+                    nu, inner = nearest_on_shell(c, information, length, variance, b)
+                    cost += inner
+                    product = 1.0
+                    inverse = 0.0
+                    square = b[0] * b[0] + b[1] * b[1] + b[2] * b[2]
+                    for i in range(3):
+                        stiff = max(information[i] + nu, 1e-9 * information[i])
+                        product *= stiff
+                        inverse += b[i] * b[i] / (square * stiff)
+                    log_volume = -0.5 * np.log(product * inverse)
+                else:
+                    cost = np.inf
+            else:
+                for i in range(3):
+                    b[i] = c[i]
+            if cost <= limit:
+                found += 1
+                if cost < reference:
+                    # Shift the reference to the new best.
+                    mass *= np.exp(-0.5 * (reference - cost)) if reference < np.inf else 0.0
+                    reference = cost
+                mass += np.exp(-0.5 * (cost - reference) + log_volume)
+                if cost < cost_best[0]:
+                    cost_best[1] = cost_best[0]
+                    for j in range(n):
+                        z_best[1, j] = z_best[0, j]
+                        z_best[0, j] = z_now[j]
+                    for i in range(3):
+                        b_best[1, i] = b_best[0, i]
+                        b_free[1, i] = b_free[0, i]
+                        b_best[0, i] = b[i]
+                        b_free[0, i] = c[i]
+                    cost_best[0] = cost
+                    best_log_volume = log_volume
+                    limit = min(cap, cost + margin)
+                    bound = limit + offset - j_min
+                elif cost < cost_best[1]:
+                    cost_best[1] = cost
+                    for j in range(n):
+                        z_best[1, j] = z_now[j]
+                    for i in range(3):
+                        b_best[1, i] = b[i]
+                        b_free[1, i] = c[i]
+        else:
+            # No sibling further out can be closer: go up.
+            k += 1
+            if k == n:
+                break
+        # Next sibling in zig-zag order.
+        z_now[k] += step[k]
+        step[k] = -step[k] - (1.0 if step[k] > 0.0 else -1.0)
+    log_mass = np.log(mass) - best_log_volume if mass > 0.0 else np.inf
+    return found, nodes, complete, log_mass
