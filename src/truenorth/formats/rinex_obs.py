@@ -1,0 +1,689 @@
+"""RINEX observation files, versions 2.10 to 4.02.
+
+The header is read in Python, the body in one compiled pass (`truenorth._kernels.rinex_obs`).
+
+- A row is one signal of one satellite at one epoch. It exists when at least one of code, phase,
+  Doppler and C/N0 is there; blank and zero values are NaN.
+- Loss-of-lock bit 0 (slip) and bit 1 (half cycle) of the phase are kept; bit 2 (anti-spoofing in
+  RINEX 2, BOC tracking in RINEX 3) is dropped. Epoch flag 1 (power failure) marks every phase of its
+  epoch as slipped.
+- Time tags become GPS time: GLONASS files are in UTC, BeiDou files 14 s behind GPS.
+- ``SYS / SCALE FACTOR`` is undone. ``SYS / PHASE SHIFT`` is kept in the metadata and not applied: the
+  standard says that the phases in the file are already aligned (RINEX 3.05, section 9.1).
+- Pseudo-observations (``X``, ``I``) and unknown types are skipped.
+
+RINEX 2 names have no tracking attribute. They are given one by this table (a name in brackets is used
+when the first is not in the file)::
+
+    system    L1 D1 S1    C1   P1   L2 D2 S2      C2   P2   5    6    7    8
+    GPS       1C (1W)     1C   1W   2W (2X)       2X   2W   5X
+    GLONASS   1C (1P)     1C   1P   2P (2C)       2C   2P   3X from C3
+    Galileo   1X          1X                                5X   6X   7X   8X
+    BeiDou    2I          2I        2I            2I        5X   6I   7I
+    QZSS      1C          1C        2X            2X        5X   6X
+    SBAS      1C          1C                                5X
+    NavIC                                                   5X
+
+so the phase goes with ``C1`` when the file has it, else with ``P1``; on L2 with ``P2``, else ``C2``.
+The two-letter names of RINEX 2.12 (``CA``, ``LB``, ...) are read as A = 1C, B = 1X, C = 2X, D = 2C.
+
+References: W. Gurtner and L. Estey, RINEX 2.11, 2007, and 2.12, 2009; IGS/RTCM, RINEX 3.05, 2020, and
+4.02, 2024.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..constants import GPS, SYSTEMS
+from ..errors import FormatError
+from ..observations import (
+    LLI_HALF_CYCLE,
+    LLI_SLIP,
+    NO_CHANNEL,
+    ObservationEvent,
+    ObservationMeta,
+    Observations,
+    signal_id,
+)
+from ..timescales import BDT_OFFSET_NS, format_gpst, gpst_from_utc_ns
+
+__all__ = ["parse_rinex_obs", "read_rinex_obs"]
+
+FORMAT = "rinex_obs"
+
+_KINDS = "CLDS"
+_MAX_TYPES = 999
+_TIME_SYSTEMS = {"GPS": 0, "GAL": 0, "QZS": 0, "IRN": 0, "BDT": BDT_OFFSET_NS, "GLO": None, "UTC": None}
+_TIME_SYSTEM_OF_FILE = {"R": "GLO", "E": "GAL", "C": "BDT", "J": "QZS", "I": "IRN"}
+
+# Signals of RINEX 2 code types: system -> {type: signal}.
+_OLD_CODES = {
+    "G": {"C1": "1C", "P1": "1W", "C2": "2X", "P2": "2W", "C5": "5X"},
+    "R": {"C1": "1C", "P1": "1P", "C2": "2C", "P2": "2P", "C3": "3X"},
+    "E": {"C1": "1X", "C5": "5X", "C6": "6X", "C7": "7X", "C8": "8X"},
+    "C": {"C2": "2I", "C1": "2I", "C5": "5X", "C6": "6I", "C7": "7I"},
+    "J": {"C1": "1C", "C2": "2X", "C5": "5X", "C6": "6X"},
+    "S": {"C1": "1C", "C5": "5X"},
+    "I": {"C5": "5X"},
+}
+# Code type that the phase, Doppler and C/N0 of a band go with, best first.
+_OLD_HOST = {"1": ("C1", "P1"), "2": ("P2", "C2")}
+_OLD_LETTERS = {"A": "1C", "B": "1X", "C": "2X", "D": "2C"}
+
+
+@dataclass
+class _Header:
+    version: float = 0.0
+    version_text: str = ""
+    file_system: str = " "
+    types: dict[str, list[str]] = field(default_factory=dict)
+    scale: dict[tuple[str, str], float] = field(default_factory=dict)
+    time_system: str = ""
+    wavelength_factor: tuple[int, int] = (1, 1)
+    channels: dict[int, int] = field(default_factory=dict)
+    meta: dict[str, object] = field(default_factory=dict)
+    phase_shift: dict[str, float] = field(default_factory=dict)
+    glonass_bias: dict[str, float] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    continued_system: str = ""
+    continued_scale: tuple[str, float] = ("", 1.0)
+    started_types: set[str] = field(default_factory=set)
+
+    @property
+    def old(self):
+        return self.version < 3.0
+
+
+def read_rinex_obs(path):
+    """Read a RINEX observation file, packed or not.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        The file.
+
+    Returns
+    -------
+    Observations
+
+    Raises
+    ------
+    FormatError
+        If the file is not a readable RINEX observation file.
+    """
+    from .compression import read_bytes
+
+    return parse_rinex_obs(read_bytes(path), path=path)
+
+
+def parse_rinex_obs(data, *, path=""):
+    """Read the plain content of a RINEX observation file.
+
+    Parameters
+    ----------
+    data : bytes
+        Content after unpacking.
+    path : str or os.PathLike, optional
+        Name of the file, for messages and metadata.
+
+    Returns
+    -------
+    Observations
+        Sorted by (epoch, satellite, signal); what had to be mended is said in ``meta.warnings``.
+
+    Raises
+    ------
+    FormatError
+        If the header is not that of a RINEX observation file, or no epoch of the body can be read.
+    """
+    header, body_at = _read_header(data, path)
+    columns = _read_body(data, body_at, header, path)
+    return _assemble(header, columns, path)
+
+
+# --------------------------------------------------------------------------------------- header
+
+
+def _read_header(data, path):
+    """Header and the offset of the first byte after it."""
+    first = data[:512].split(b"\n", 1)[0].decode("latin-1").rstrip("\r")
+    start = 0
+    if first.startswith("\xef\xbb\xbf"):
+        first, start = first[3:], 3
+    header = _Header()
+    _read_version(first, header, path)
+    pos = data.find(b"\n", start) + 1
+    if pos == 0:
+        raise FormatError("the file ends within its header; fetch it again", path=path, line_number=1)
+    line_number = 1
+    ended = False
+    while pos < len(data):
+        end = data.find(b"\n", pos)
+        end = len(data) if end < 0 else end
+        raw = data[pos:end]
+        line = raw.decode("latin-1").rstrip("\r")
+        label = line[60:80].strip()
+        line_number += 1
+        if label == "END OF HEADER":
+            pos = end + 1
+            ended = True
+            break
+        if _begins_body(line, header.old):
+            break
+        _read_header_line(line, label, header, path, line_number)
+        pos = end + 1
+    if not header.types:
+        kind = "# / TYPES OF OBSERV" if header.old else "SYS / # / OBS TYPES"
+        raise FormatError(
+            f"the header has no '{kind}' line, so the columns have no names; fetch the file again",
+            path=path,
+            line_number=line_number,
+        )
+    if not ended:
+        header.warnings.append("END OF HEADER is missing")
+    return header, min(pos, len(data))
+
+
+def _read_version(line, header, path):
+    label = line[60:80].strip()
+    if label != "RINEX VERSION / TYPE":
+        raise FormatError(
+            "this is not a RINEX file: the first line does not end in 'RINEX VERSION / TYPE'; give a RINEX "
+            "observation file or a UBX log",
+            path=path,
+            line_number=1,
+        )
+    try:
+        header.version = float(line[:20].split()[0])
+    except (ValueError, IndexError):
+        raise FormatError(
+            f"the RINEX version {line[:20].strip()!r} is not a number; the file is damaged, fetch it again",
+            path=path,
+            line_number=1,
+        ) from None
+    kind = line[20:21].upper()
+    if kind in "NGHL" and kind.strip():
+        raise FormatError(
+            "this is a RINEX navigation file; give it as navigation, and an observation file here",
+            path=path,
+            line_number=1,
+        )
+    if kind != "O":
+        names = {"M": "meteorological", "C": "clock"}
+        raise FormatError(
+            f"this is a RINEX {names.get(kind, 'file of type ' + repr(kind))} file and observations are "
+            "expected; give a RINEX observation file",
+            path=path,
+            line_number=1,
+        )
+    if not 2.0 <= header.version < 5.0:
+        raise FormatError(
+            f"RINEX version {line[:20].strip()} is not known; versions 2 to 4 are read, convert the file",
+            path=path,
+            line_number=1,
+        )
+    header.version_text = f"{header.version:.2f}"
+    header.file_system = line[40:41].upper()
+
+
+def _begins_body(line, old):
+    """Whether a line of the header section is really the first epoch line."""
+    if not old:
+        return line.startswith("> ")
+    label = line[60:80]
+    return (
+        len(line) >= 32
+        and line[0] == " "
+        and line[18:19] == "."
+        and line[1:3].strip().isdigit()
+        and line[28:32].strip().isdigit()
+        and not (label.strip().isupper() and " / " in label)
+    )
+
+
+def _floats(text):
+    values = [float(word) for word in text.split()]
+    if not all(np.isfinite(values)):
+        raise ValueError("not finite")
+    return values
+
+
+def _read_header_line(line, label, header, path, line_number):
+    """Take one header line; what cannot be understood and does not matter becomes a warning."""
+    body = line[:60]
+    meta = header.meta
+    try:
+        if label in ("COMMENT", ""):
+            return
+        if label == "MARKER NAME":
+            meta.setdefault("marker", body.strip())
+        elif label == "REC # / TYPE / VERS":
+            meta.setdefault("receiver_serial", body[:20].strip())
+            meta.setdefault("receiver_type", body[20:40].strip())
+            meta.setdefault("receiver_firmware", body[40:60].strip())
+        elif label == "ANT # / TYPE":
+            meta.setdefault("antenna_serial", body[:20].strip())
+            meta.setdefault("antenna_type", body[20:40].strip())
+        elif label == "APPROX POSITION XYZ":
+            position = tuple(_floats(body))
+            if len(position) == 3 and any(position):
+                meta.setdefault("approx_position_ecef_m", position)
+        elif label == "ANTENNA: DELTA H/E/N":
+            delta = tuple(_floats(body))
+            if len(delta) == 3:
+                meta.setdefault("antenna_delta_hen_m", delta)
+        elif label == "INTERVAL":
+            interval = _floats(body[:20])[0]
+            if interval > 0:
+                meta.setdefault("interval_s", interval)
+        elif label == "LEAP SECONDS":
+            meta.setdefault("leap_seconds", int(body[:6]))
+        elif label == "TIME OF FIRST OBS":
+            header.time_system = body[48:51].strip().upper()
+        elif label == "WAVELENGTH FACT L1/2":
+            _read_wavelength_factor(body, header)
+        elif label == "GLONASS SLOT / FRQ #":
+            _read_glonass_slots(body, header)
+        elif label == "GLONASS COD/PHS/BIS":
+            _read_glonass_biases(body, header)
+        elif label == "SYS / PHASE SHIFT":
+            _read_phase_shift(body, header)
+        elif label == "SYS / SCALE FACTOR":
+            _read_scale_factor(body, header)
+        elif label == "# / TYPES OF OBSERV" and header.old:
+            _read_types(body[:6], body[6:], "*", header, path, line_number)
+        elif label == "SYS / # / OBS TYPES" and not header.old:
+            _read_types(body[3:6], body[6:], body[:1], header, path, line_number)
+    except (ValueError, IndexError):
+        header.warnings.append(f"line {line_number}: '{label}' cannot be read and is ignored")
+
+
+def _read_types(count_text, names, system, header, path, line_number):
+    if count_text.strip():
+        if system != "*" and system not in SYSTEMS:
+            header.warnings.append(f"line {line_number}: system {system!r} is not known and is skipped")
+            header.continued_system = ""
+            return
+        try:
+            count = int(count_text)
+        except ValueError:
+            count = -1
+        if not 0 <= count <= _MAX_TYPES:
+            raise FormatError(
+                f"the number of observation types {count_text.strip()!r} makes no sense; the header is "
+                "damaged, fetch the file again",
+                path=path,
+                line_number=line_number,
+            )
+        header.continued_system = system
+        header.types[system] = []
+    system = header.continued_system
+    if system:
+        room = _MAX_TYPES - len(header.types[system])
+        header.types[system] += names.split()[:room]
+
+
+def _read_wavelength_factor(body, header):
+    if not body[12:18].strip():  # later lines for single satellites carry their number here
+        header.wavelength_factor = (int(body[:6]), int(body[6:12] or 1))
+
+
+def _read_glonass_slots(body, header):
+    for k in range(8):
+        item = body[4 + 7 * k : 11 + 7 * k]
+        if item.strip() and item[0] == "R":
+            slot, channel = int(item[1:3]), int(item[4:6])
+            if 1 <= slot < 100 and -7 <= channel <= 24:
+                header.channels[slot] = channel
+
+
+def _read_glonass_biases(body, header):
+    for k in range(4):
+        item = body[13 * k : 13 * (k + 1)]
+        if item[5:].strip():
+            header.glonass_bias[item[2:4]] = _floats(item[5:])[0]
+
+
+def _read_phase_shift(body, header):
+    system, code, rest = body[:1], body[2:5].strip(), body[6:14].strip()
+    if system in SYSTEMS and len(code) >= 2:
+        shift = float(rest) if rest else 0.0
+        sats = body[18:].split() if body[16:18].strip() else []
+        names = [f"{sat}{code[1:]}" for sat in sats] or [f"{system}{code[1:]}"]
+        header.phase_shift.update(dict.fromkeys(names, shift))
+
+
+def _read_scale_factor(body, header):
+    if body[:1].strip():
+        system, factor = body[0], float(int(body[2:6]))
+        if system not in SYSTEMS or factor not in (1.0, 10.0, 100.0, 1000.0):
+            raise ValueError(factor)
+        codes = body[10:].split() or [""]
+        header.continued_scale = (system, factor)
+    else:
+        system, factor = header.continued_scale
+        codes = body[10:].split()
+    for code in codes:
+        header.scale[system, code] = factor
+
+
+# ------------------------------------------------------------------------------- tables for the body
+
+
+def _signal_columns(header):
+    """Per system, a list of (signal, places of C L D S, type names of C L D S)."""
+    tables = {}
+    for system in SYSTEMS:
+        if header.old:
+            names = header.types.get("*", [])
+            found = _old_signals(system, names)
+        else:
+            names = header.types.get(system)
+            if names is None:
+                continue
+            found = _new_signals(system, names, header)
+        rows = []
+        for signal, kinds in found:
+            places = [-1] * 4
+            labels = [""] * 4
+            for kind, index in kinds.items():
+                line, offset = (index // 5, 16 * (index % 5)) if header.old else (0, 3 + 16 * index)
+                places[_KINDS.index(kind)] = line << 16 | offset
+                labels[_KINDS.index(kind)] = names[index]
+            rows.append((signal_id(signal), places, labels))
+        rows.sort(key=lambda row: row[0])
+        tables[system] = rows
+    return tables
+
+
+def _new_signals(system, names, header):
+    found = {}
+    for index, name in enumerate(names):
+        if len(name) not in (2, 3) or name[0] not in _KINDS or name[1] not in "123456789":
+            continue
+        if len(name) == 3 and not ("A" <= name[2] <= "Z"):
+            continue
+        signal = name[1:]
+        # RINEX 3.02 called the band of B1I by 1; B1C has no I and Q, so these can only be B1I.
+        if system == "C" and (signal in ("1I", "1Q") or (signal == "1X" and header.version_text == "3.02")):
+            signal = "2" + signal[1]
+            note = "BeiDou band 1 is B1I here and is read as band 2"
+            if note not in header.warnings:
+                header.warnings.append(note)
+        found.setdefault(signal, {}).setdefault(name[0], index)
+    return list(found.items())
+
+
+def _old_signals(system, names):
+    """Signals of RINEX 2 types; see the table at the top of this module."""
+    index = {}
+    for k, name in enumerate(names):
+        index.setdefault(name, k)
+    codes = _OLD_CODES[system]
+    found = {}  # by code type, so that two types of one signal stay apart
+    for code, signal in codes.items():
+        if code in index:
+            found[code] = (signal, {"C": index[code]})
+    for name, k in index.items():
+        if len(name) != 2 or name[0] not in "LDS" or not name[1].isdigit():
+            continue
+        hosts = [host for host in _OLD_HOST.get(name[1], ("C" + name[1],)) if host in codes]
+        if system == "C" and name[1] in "12":
+            hosts = ["C" + name[1]]
+        if hosts:
+            host = next((h for h in hosts if h in index), hosts[0])
+            found.setdefault(host, (codes[host], {}))[1][name[0]] = k
+    for name, k in index.items():
+        if len(name) == 2 and name[0] in _KINDS and name[1] in _OLD_LETTERS:
+            signal = _OLD_LETTERS[name[1]]
+            host = next((key for key, (s, _) in found.items() if s == signal), "letter " + name[1])
+            found.setdefault(host, (signal, {}))[1].setdefault(name[0], k)
+    return list(found.values())
+
+
+def _tables(header):
+    """Arrays of `parse_body` that describe the columns."""
+    rows_of = _signal_columns(header)
+    width = max(1, max((len(rows) for rows in rows_of.values()), default=1))
+    n_signals = np.full(len(SYSTEMS), -1, dtype=np.int64)
+    signal_ids = np.zeros((len(SYSTEMS), width), dtype=np.int64)
+    columns = np.full((len(SYSTEMS), width, 4), -1, dtype=np.int64)
+    divisors = np.full((len(SYSTEMS), width, 4), 1000.0)
+    half_cycle = np.zeros((len(SYSTEMS), width), dtype=np.uint8)
+    for system, rows in rows_of.items():
+        code = SYSTEMS.index(system)
+        n_signals[code] = len(rows)
+        for k, (signal, places, labels) in enumerate(rows):
+            signal_ids[code, k] = signal
+            columns[code, k] = places
+            for o, label in enumerate(labels):
+                factor = header.scale.get((system, label), header.scale.get((system, ""), 1.0))
+                divisors[code, k, o] = 1000.0 * factor
+            band = signal // 100
+            if header.old and band in (1, 2) and header.wavelength_factor[band - 1] == 2:
+                half_cycle[code, k] = LLI_HALF_CYCLE
+    n_types = len(header.types.get("*", []))
+    lines_per_sat = max(1, -(-n_types // 5)) if header.old else 1
+    return lines_per_sat, n_signals, signal_ids, columns, divisors, half_cycle
+
+
+_LETTERS = np.full(256, -1, dtype=np.int64)
+for _code, _letter in enumerate(SYSTEMS):
+    _LETTERS[ord(_letter)] = _code
+
+
+# ------------------------------------------------------------------------------------------ body
+
+_EPOCH_COLUMNS = {"time_ns": np.int64, "clock_s": np.float64, "flag": np.uint8, "start": np.int64}
+_ROW_COLUMNS = {
+    "sat": np.int16,
+    "signal": np.int16,
+    "code_m": np.float64,
+    "phase_cyc": np.float64,
+    "doppler_hz": np.float64,
+    "cn0_dbhz": np.float64,
+    "lli": np.uint8,
+}
+
+
+def _read_body(data, body_at, header, path):
+    """Run the kernel over the body, from event record to event record."""
+    from .._kernels import rinex_obs as body
+
+    text = np.frombuffer(data, dtype=np.uint8)
+    state = np.zeros(body.STATE_SIZE, dtype=np.int64)
+    state[body.POSITION] = body_at
+    state[[body.BAD_FIELD_AT, body.BAD_LINE_AT, body.SHORT_EPOCH_AT]] = -1
+    n_bytes = len(data) - body_at
+    epochs = {k: np.empty(n_bytes // 2000 + 256, dtype=t) for k, t in _EPOCH_COLUMNS.items()}
+    rows = {k: np.empty(n_bytes // 50 + 4096, dtype=t) for k, t in _ROW_COLUMNS.items()}
+    epochs["start"][0] = 0
+    blank_system = SYSTEMS.find(header.file_system) if header.file_system.strip() else GPS
+    if header.old and blank_system < 0:
+        blank_system = GPS
+    tables = _tables(header)
+    events = []
+    while True:
+        lines_per_sat, *columns = tables
+        body.parse_body(
+            text, state, header.old, header.version >= 4.01, blank_system, _LETTERS, lines_per_sat,
+            *columns, *epochs.values(), *rows.values(),
+        )  # fmt: skip
+        if state[body.OUTCOME] == body.EVENT:
+            if _take_event(data, state, header, lines_per_sat, events, path):
+                tables = _tables(header)
+        elif state[body.OUTCOME] == body.GROW:
+            needed = int(state[body.N_ROWS] + state[body.EVENT_COUNT] * columns[1].shape[1])
+            _grow(rows, needed)
+            _grow(epochs, int(state[body.N_EPOCHS]) + 2)
+        else:
+            break
+    _judge(data, body_at, state, header, path)
+    n_epochs, n_rows = int(state[body.N_EPOCHS]), int(state[body.N_ROWS])
+    # Shrinking gives the unused pages back without a copy.
+    for name, column in rows.items():
+        column.resize(n_rows, refcheck=False)
+        rows[name] = column
+    for name, column in epochs.items():
+        column.resize(n_epochs + (name == "start"), refcheck=False)
+    return epochs, rows, events
+
+
+def _grow(columns, needed):
+    for column in columns.values():
+        column.resize(max(needed, len(column) + len(column) // 2), refcheck=False)
+
+
+def _line_number(data, position):
+    return data.count(b"\n", 0, position) + 1
+
+
+def _take_event(data, state, header, lines_per_sat, events, path):
+    """Consume one event record; true when the columns may have changed."""
+    from .._kernels import rinex_obs as body
+
+    flag, count = int(state[body.EVENT_FLAG]), int(state[body.EVENT_COUNT])
+    pos = int(state[body.POSITION])
+    n_lines = count
+    if flag == 6:
+        n_lines = count * lines_per_sat + (max(0, (count - 1) // 12) if header.old else 0)
+    lines = []
+    while len(lines) < n_lines and pos < len(data):
+        end = data.find(b"\n", pos)
+        end = len(data) if end < 0 else end
+        line = data[pos:end].decode("latin-1").rstrip("\r")
+        if _begins_body(line, header.old):
+            header.warnings.append(
+                f"line {_line_number(data, pos)}: an event record has fewer lines than it says"
+            )
+            break
+        lines.append(line)
+        pos = end + 1
+    state[body.POSITION] = min(pos, len(data))
+    time = int(state[body.EVENT_TIME])
+    events.append((None if time == body.NO_TIME else time, flag, "\n".join(x.rstrip() for x in lines)))
+    if flag == 6 or not lines:
+        return False
+    number = _line_number(data, int(state[body.EVENT_AT]))
+    for k, line in enumerate(lines):
+        _read_header_line(line, line[60:80].strip(), header, path, number + 1 + k)
+    return True
+
+
+def _judge(data, body_at, state, header, path):
+    """Turn the kernel's counts into warnings, or into an error when nothing could be read."""
+    from .._kernels import rinex_obs as body
+
+    if state[body.N_EPOCHS] == 0:
+        if state[body.BAD_LINES] > 0:
+            raise FormatError(
+                "no epoch can be read: this line is not an epoch of a RINEX "
+                f"{header.version_text} observation file; check the version in the first line",
+                path=path,
+                line_number=_line_number(data, int(state[body.BAD_LINE_AT])),
+            )
+        header.warnings.append("the file holds a header and no observations")
+    for count, at, what in (
+        (body.BAD_FIELDS, body.BAD_FIELD_AT, "{} values cannot be read and are left out"),
+        (body.BAD_LINES, body.BAD_LINE_AT, "{} lines cannot be read and are left out"),
+        (body.SHORT_EPOCHS, body.SHORT_EPOCH_AT, "{} epochs have fewer satellites than they announce"),
+    ):
+        if state[count] > 0:
+            place = _line_number(data, int(state[at]))
+            header.warnings.append(what.format(int(state[count])) + f" (first in line {place})")
+    if state[body.LAST_GOT] < state[body.LAST_EXPECTED]:
+        header.warnings.append(
+            f"the last epoch is cut off: {state[body.LAST_GOT]} of {state[body.LAST_EXPECTED]} satellites kept"
+        )
+    if state[body.UNDECLARED] > 0:
+        header.warnings.append(
+            f"{state[body.UNDECLARED]} satellite lines of systems without declared observation types skipped"
+        )
+
+
+# --------------------------------------------------------------------------------------- result
+
+
+def _to_gpst(time_ns, header):
+    """Time tags of the file's scale in GPS time."""
+    name = header.time_system or _TIME_SYSTEM_OF_FILE.get(header.file_system, "GPS")
+    if name not in _TIME_SYSTEMS:
+        note = f"time system {name!r} is not known; GPS time is assumed"
+        if note not in header.warnings:
+            header.warnings.append(note)
+        name = "GPS"
+    offset = _TIME_SYSTEMS[name]
+    return gpst_from_utc_ns(time_ns) if offset is None else time_ns + offset
+
+
+def _increasing(time_ns):
+    """Largest set of epochs in increasing order: the first of equal ones, and no outliers."""
+    from bisect import bisect_left
+
+    first = np.ones(len(time_ns), dtype=bool)
+    _, index = np.unique(time_ns, return_index=True)
+    first[:] = False
+    first[index] = True
+    candidates = np.flatnonzero(first)
+    times = time_ns[candidates].tolist()
+    tails, tail_at, before = [], [], []
+    for k, time in enumerate(times):  # patience sorting
+        place = bisect_left(tails, time)
+        before.append(tail_at[place - 1] if place else -1)
+        tails[place : place + 1] = [time]
+        tail_at[place : place + 1] = [k]
+    chain = []
+    k = tail_at[-1] if tail_at else -1
+    while k >= 0:
+        chain.append(k)
+        k = before[k]
+    return candidates[chain[::-1]]
+
+
+def _assemble(header, columns, path):
+    epochs, rows, events = columns
+    time_ns = _to_gpst(epochs["time_ns"], header)
+    start, lli = epochs["start"], rows["lli"]
+    for k in np.flatnonzero(epochs["flag"] == 1):
+        part = slice(start[k], start[k + 1])
+        lli[part][np.isfinite(rows["phase_cyc"][part])] |= LLI_SLIP
+        events.append((int(epochs["time_ns"][k]), 1, "power failure before this epoch"))
+    keep = None
+    if len(time_ns) > 1 and not np.all(np.diff(time_ns) > 0):
+        keep = _increasing(time_ns)
+        dropped = np.setdiff1d(np.arange(len(time_ns)), keep)
+        header.warnings.append(
+            f"{len(dropped)} epochs repeat a time or go back in time and are dropped "
+            f"(first: {format_gpst(time_ns[dropped[0]])} GPST)"
+        )
+    glonass_channel = np.full(100, NO_CHANNEL, dtype=np.int8)
+    for slot, channel in header.channels.items():
+        glonass_channel[slot] = channel
+    observations = Observations(
+        time_ns=time_ns,
+        epoch_start=start,
+        sat=rows["sat"],
+        signal=rows["signal"],
+        code_m=rows["code_m"],
+        phase_cyc=rows["phase_cyc"],
+        doppler_hz=rows["doppler_hz"],
+        cn0_dbhz=rows["cn0_dbhz"],
+        lli=lli,
+        clock_offset_s=epochs["clock_s"],
+        glonass_channel=glonass_channel,
+        events=tuple(
+            ObservationEvent(None if t is None else int(_to_gpst(t, header)), flag, text)
+            for t, flag, text in events
+        ),
+        meta=ObservationMeta(
+            path=str(path),
+            format=FORMAT,
+            version=header.version_text,
+            phase_shift_cyc=header.phase_shift,
+            glonass_code_phase_bias_m=header.glonass_bias,
+            warnings=tuple(header.warnings),
+            **header.meta,
+        ),
+    )
+    return observations if keep is None else observations.select_epochs(keep)
