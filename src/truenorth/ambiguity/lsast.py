@@ -20,12 +20,12 @@ minimum time to fix); Lu 1995, UCGE Report 20079 (spherical region).
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from ..errors import ConfigError, ModelError, Reason, Status
 from .model import Resolution
+from .outcome import chi2_limits, code_baseline, unresolved
 from .row_identity import carry_matrix
 
 __all__ = [
@@ -251,29 +251,6 @@ def select_primaries(problem, max_rpdop=14.0):
     return np.empty(0, dtype=np.int64), best
 
 
-@lru_cache(maxsize=512)
-def _chi2_limits(dof, significance, tails):
-    """Lower and upper limit of the residual test."""
-    from scipy.stats import chi2
-
-    if dof <= 0:
-        return 0.0, np.inf
-    if tails == "both":
-        return float(chi2.ppf(significance / 2.0, dof)), float(chi2.isf(significance / 2.0, dof))
-    return 0.0, float(chi2.isf(significance, dof))
-
-
-def _code_baseline(problem):
-    """Baseline of the pseudoranges and its covariance, NaN where they do not suffice."""
-    if len(problem.code_m) >= 3:
-        weight = np.linalg.solve(problem.cov_code_m2, problem.code_design)
-        normal = problem.code_design.T @ weight
-        if np.linalg.cond(normal) < 1e10:
-            cov = np.linalg.inv(normal)
-            return cov @ (weight.T @ problem.code_m), cov
-    return np.full(3, np.nan), np.full((3, 3), np.nan)
-
-
 class _Region:
     """Where the primary baseline may lie: the ellipsoid that is walked, and the other conditions."""
 
@@ -394,7 +371,7 @@ def _enumerate(problem, options):
             "searching integers: the covariance of the double-difference phases is not positive definite; "
             "check the noise settings"
         ) from error
-    code, cov_code = _code_baseline(problem)
+    code, cov_code = code_baseline(problem)
     walk = _Region(problem, options, cov_primary, code, cov_code)
     chosen = walk.walk(primary_map, phase[:3], wavelength[:3])
     if chosen is None:
@@ -540,7 +517,7 @@ class LeastSquaresSearch:
             found = _enumerate(problem, self.options)
             n_candidates = int(found.counts[1])
             if found.reason != Reason.OK:
-                return self._nothing(problem, found.reason, n_candidates)
+                return unresolved(problem, found.reason, n_candidates)
             survivors = (found.integers, found.objective, found.baseline, found.objective)
         integers, sums, baseline, objective = survivors
         self._integers, self._sums = integers, sums
@@ -603,7 +580,7 @@ class LeastSquaresSearch:
         return integers[order], sums[order], baseline[order], objective[order]
 
     def _limits(self, problem):
-        return _chi2_limits(
+        return chi2_limits(
             problem.n_phases - 3, self.options.residual_significance, self.options.residual_tails
         )
 
@@ -620,12 +597,10 @@ class LeastSquaresSearch:
         if len(sums) > 1:
             ratio = min(float(sums[1] / sums[0]) if sums[0] > 0.0 else np.inf, 999.9)
         passing = (objective >= low) & (objective <= high)
-        dof_known = problem.n_phases > 3
+        alone = options.single_candidate == "accept" and np.count_nonzero(passing) == 1
         if not passing[0]:
             reason = Reason.RESIDUAL_TEST
-        elif self._has_won and dof_known:
-            reason = Reason.OK
-        elif options.single_candidate == "accept" and np.count_nonzero(passing) == 1:
+        elif (self._has_won and problem.n_phases > 3) or alone:
             reason = Reason.OK
         elif len(sums) == 1:
             reason = Reason.SINGLE_CANDIDATE
@@ -635,7 +610,7 @@ class LeastSquaresSearch:
             reason = Reason.OK
         if reason == Reason.OK and self._led < options.min_epochs:
             reason = Reason.NOT_PERSISTENT
-        code, _ = _code_baseline(problem)
+        code, _ = code_baseline(problem)
         if reason == Reason.OK:
             status, self._has_won = Status.FIXED, True
         else:
@@ -656,24 +631,6 @@ class LeastSquaresSearch:
             success_probability=np.nan,
             chi2=float(objective[0]),
             chi2_limit=high,
-            n_candidates=n_candidates,
-        )
-
-    def _nothing(self, problem, reason, n_candidates):
-        code, _ = _code_baseline(problem)
-        return Resolution(
-            status=Status.FLOAT if np.isfinite(code).all() else Status.NONE,
-            reason=reason,
-            integers_cyc=np.empty((0, problem.n_phases), dtype=np.int64),
-            objective=np.empty(0),
-            baseline_enu_m=np.empty((0, 3)),
-            cov_baseline_m2=np.full((3, 3), np.nan),
-            float_baseline_enu_m=code,
-            is_fixed=np.ones(problem.n_phases, dtype=bool),
-            ratio=np.nan,
-            success_probability=np.nan,
-            chi2=np.nan,
-            chi2_limit=np.nan,
             n_candidates=n_candidates,
         )
 

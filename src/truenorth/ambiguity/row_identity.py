@@ -34,9 +34,9 @@ def carry_matrix(old_key, old_reference, new_key, new_reference):
     new_key = np.asarray(new_key)
     m, n = len(old_key), len(new_key)
     referenced = old_reference is not None and new_reference is not None
-    if m == n and np.array_equal(old_key, new_key):
-        if not referenced or np.array_equal(old_reference, new_reference):
-            return np.eye(n), np.ones(n, dtype=bool)
+    same = m == n and np.array_equal(old_key, new_key)
+    if same and (not referenced or np.array_equal(old_reference, new_reference)):
+        return np.eye(n), np.ones(n, dtype=bool)
     matrix = np.zeros((n, m))
     known = np.zeros(n, dtype=bool)
     place = {int(key): i for i, key in enumerate(old_key)}
