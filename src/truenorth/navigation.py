@@ -1,7 +1,9 @@
-"""The container of broadcast ephemerides: what every navigation reader fills.
+"""The containers of satellite orbits: what every navigation reader fills.
 
 Satellites of GPS, Galileo, BeiDou, QZSS and NavIC follow Kepler elements with corrections;
 GLONASS (and SBAS) send state vectors. Both tables are flat columns, one row per ephemeris.
+Precise orbits are positions and clocks at regular epochs. `build_navigation` and
+`merge_navigation` are the ways to make a `Navigation`: they sort and remove duplicates.
 """
 
 from dataclasses import dataclass, field
@@ -58,8 +60,8 @@ KEPLER_COLUMNS = (
     "af0_s",
     "af1_sps",
     "af2_sps2",
-    "tgd_s",  # GPS/QZSS/NavIC TGD; Galileo BGD E5a/E1; BeiDou TGD1 (B1I)
-    "tgd2_s",  # Galileo BGD E5b/E1; BeiDou TGD2 (B2I); else 0
+    "tgd_s",  # GPS/QZSS/NavIC TGD; Galileo BGD E5a/E1; BeiDou D1/D2 TGD1 (B1I), CNV1/2 B1Cp, CNV3 B2bI
+    "tgd2_s",  # Galileo BGD E5b/E1; BeiDou D1/D2 TGD2 (B2I), CNV1/2 TGD of B2ap; else 0
     "ura_m",  # one-sigma accuracy, NaN where no statement
     "fit_interval_s",  # total length of the fit, centred at toe
 )
@@ -184,3 +186,204 @@ class Navigation:
         glonass = self.states.sat // 100 == GLONASS
         table[self.states.sat[glonass] % 100] = self.states.channel[glonass]
         return table
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreciseOrbits:
+    """Positions and clocks at given epochs, as in an SP3 file.
+
+    Parameters
+    ----------
+    time_ns : ndarray of int64, shape (n_epochs,)
+        GPS time, nanoseconds; strictly increasing.
+    sat : ndarray of int16, shape (n_sats,)
+        Satellites, increasing.
+    position_ecef_m : ndarray, shape (n_epochs, n_sats, 3)
+        Centre of mass, Earth-fixed frame of the file; NaN where missing.
+    clock_s : ndarray, shape (n_epochs, n_sats)
+        Satellite clock minus system time, without the periodic relativistic term; NaN where missing.
+    sd_m : ndarray, shape (n_sats,)
+        Accuracy from the header; NaN where unknown.
+    frame, agency, path : str
+        What the file says about itself.
+    """
+
+    time_ns: np.ndarray
+    sat: np.ndarray
+    position_ecef_m: np.ndarray
+    clock_s: np.ndarray
+    sd_m: np.ndarray
+    frame: str = ""
+    agency: str = ""
+    path: str = ""
+
+    @property
+    def n_epochs(self):
+        """int: Number of epochs."""
+        return len(self.time_ns)
+
+    @property
+    def n_sats(self):
+        """int: Number of satellites."""
+        return len(self.sat)
+
+
+_KEPLER_DTYPES = {
+    "sat": np.int16,
+    "message": np.int8,
+    "toe_ns": np.int64,
+    "toc_ns": np.int64,
+    "transmission_ns": np.int64,
+    "iode": np.int32,
+    "iodc": np.int32,
+    "health": np.int32,
+}
+_STATE_DTYPES = {
+    "sat": np.int16,
+    "toe_ns": np.int64,
+    "transmission_ns": np.int64,
+    "channel": np.int8,
+    "health": np.int32,
+}
+
+
+def _unique_in_order(columns, values, identity, order):
+    """Remove rows that repeat all of `identity` and `values`; then sort by `order` (major first).
+
+    Of repeated rows the one transmitted first stays.
+    """
+    sequence = np.lexsort([columns["transmission_ns"], *(columns[name] for name in reversed(identity))])
+    columns = {name: column[sequence] for name, column in columns.items()}
+    values = np.ascontiguousarray(values[sequence])
+    bits = values.view(np.int64)
+    same = np.all(bits[1:] == bits[:-1], axis=1)
+    for name in identity:
+        same &= columns[name][1:] == columns[name][:-1]
+    keep = np.concatenate(([True], ~same)) if len(values) else np.zeros(0, dtype=bool)
+    columns = {name: column[keep] for name, column in columns.items()}
+    values = values[keep]
+    sequence = np.lexsort([columns[name] for name in reversed(order)])
+    columns = {name: column[sequence] for name, column in columns.items()}
+    return columns, np.ascontiguousarray(values[sequence])
+
+
+def _make_kepler(columns, elements):
+    columns, elements = _unique_in_order(
+        columns,
+        elements,
+        ("sat", "toe_ns", "toc_ns", "message", "iode", "iodc", "health"),
+        ("sat", "toe_ns", "transmission_ns", "message"),
+    )
+    return KeplerEphemerides(**columns, elements=elements)
+
+
+def _make_states(columns, states):
+    columns, states = _unique_in_order(
+        columns, states, ("sat", "toe_ns", "channel", "health"), ("sat", "toe_ns", "transmission_ns")
+    )
+    return StateEphemerides(**columns, states=states)
+
+
+def _columns_from_rows(rows, dtypes, width, what):
+    rows = list(rows)
+    for row in rows:
+        if len(row) != len(dtypes) + 1 or len(row[-1]) != width:
+            raise ValueError(f"a {what} row needs {', '.join(dtypes)} and {width} values; got {row!r}")
+    columns = {
+        name: np.array([row[k] for row in rows], dtype=dtype)
+        for k, (name, dtype) in enumerate(dtypes.items())
+    }
+    values = np.array([row[-1] for row in rows], dtype=np.float64).reshape(len(rows), width)
+    return columns, values
+
+
+def build_navigation(
+    kepler_rows=(),
+    state_rows=(),
+    *,
+    klobuchar=None,
+    nequick=None,
+    leap_seconds=None,
+    skipped=None,
+    paths=(),
+):
+    """Make a `Navigation` from single ephemerides: sorted, without duplicates.
+
+    Parameters
+    ----------
+    kepler_rows : iterable of tuple
+        ``(sat, message, toe_ns, toc_ns, transmission_ns, iode, iodc, health, elements)`` with
+        ``elements`` in the order of `KEPLER_COLUMNS`. Times are GPS time.
+    state_rows : iterable of tuple
+        ``(sat, toe_ns, transmission_ns, channel, health, states)`` with ``states`` in the order of
+        `STATE_COLUMNS`.
+    klobuchar, nequick, leap_seconds, skipped, paths
+        As the attributes of `Navigation`.
+
+    Returns
+    -------
+    Navigation
+
+    Raises
+    ------
+    ValueError
+        If a row has the wrong number of values.
+    """
+    return Navigation(
+        kepler=_make_kepler(*_columns_from_rows(kepler_rows, _KEPLER_DTYPES, len(KEPLER_COLUMNS), "kepler")),
+        states=_make_states(*_columns_from_rows(state_rows, _STATE_DTYPES, len(STATE_COLUMNS), "state")),
+        klobuchar=dict(klobuchar or {}),
+        nequick=nequick,
+        leap_seconds=leap_seconds,
+        skipped=dict(skipped or {}),
+        paths=tuple(paths),
+    )
+
+
+def merge_navigation(*navigations):
+    """Join navigation data: all ephemerides sorted, each once.
+
+    Ionosphere coefficients and leap seconds come from the first argument that has them; counts of
+    skipped records add up.
+
+    Parameters
+    ----------
+    *navigations : Navigation
+        What to join; none gives an empty `Navigation`.
+
+    Returns
+    -------
+    Navigation
+    """
+    if len(navigations) == 1:
+        return navigations[0]
+    klobuchar, skipped, paths = {}, {}, []
+    nequick = leap = None
+    for navigation in navigations:
+        klobuchar = {**navigation.klobuchar, **klobuchar}
+        nequick = navigation.nequick if nequick is None else nequick
+        leap = navigation.leap_seconds if leap is None else leap
+        paths += [path for path in navigation.paths if path not in paths]
+        for kind, count in navigation.skipped.items():
+            skipped[kind] = skipped.get(kind, 0) + count
+
+    def joined(table, name, dtype, width=None):
+        parts = [getattr(getattr(navigation, table), name) for navigation in navigations]
+        empty = np.empty(0 if width is None else (0, width), dtype=dtype)
+        return np.concatenate([empty, *parts]).astype(dtype)
+
+    return Navigation(
+        kepler=_make_kepler(
+            {name: joined("kepler", name, dtype) for name, dtype in _KEPLER_DTYPES.items()},
+            joined("kepler", "elements", np.float64, len(KEPLER_COLUMNS)),
+        ),
+        states=_make_states(
+            {name: joined("states", name, dtype) for name, dtype in _STATE_DTYPES.items()},
+            joined("states", "states", np.float64, len(STATE_COLUMNS)),
+        ),
+        klobuchar=klobuchar,
+        nequick=nequick,
+        leap_seconds=leap,
+        skipped=skipped,
+        paths=tuple(paths),
+    )
