@@ -1,0 +1,93 @@
+"""``truenorth example`` and ``truenorth datasets``: public data with known truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+__all__ = ["list_datasets", "locate_dataset", "solve_example"]
+
+
+def solve_example(
+    name: str,
+    *,
+    out: Path | None = None,
+    figure: Path | None = None,
+    method: str | None = None,
+    single_epoch: bool = False,
+    as_json: bool = False,
+) -> None:
+    """Solve a named data set with its published length, and print the published truth beside it.
+
+    Parameters
+    ----------
+    name : str
+        Name of the set.
+    out, figure : Path, optional
+        Files to write.
+    method : str, optional
+        Integer resolution.
+    single_epoch : bool
+        Resolve every epoch by itself.
+    as_json : bool
+        Tell it as JSON.
+    """
+    from .. import datasets
+    from ..errors import ConfigError
+    from .request import make_session
+    from .solve import run_session
+
+    dataset = datasets.fetch(name)
+    if not {"base", "rover"} <= set(dataset.files):
+        raise ConfigError(f"`{name}` is not a pair of antennas; choose another set of `truenorth datasets`")
+    files = [dataset.files["base"], dataset.files["rover"], *dataset.navigation]
+    overrides = {
+        "length_m": dataset.truth.get("length_m"),
+        "method": method,
+        "single_epoch": single_epoch or None,
+    }
+    session = make_session(files, overrides, [])
+    try:
+        run_session(session, out=out, figure=figure, as_json=as_json)
+    finally:
+        truth = ", ".join(f"{key} {value:g}" for key, value in dataset.truth.items())
+        if truth and not as_json:
+            typer.echo(f"published   {truth}")
+
+
+def list_datasets(*, as_json: bool = False) -> None:
+    """Print the names of the public sets and what they hold."""
+    import json
+
+    from .. import datasets
+
+    known = [datasets.info(name) for name in datasets.names()]
+    if as_json:
+        table = [
+            {
+                "name": entry.name,
+                "summary": entry.summary,
+                "licence": entry.licence,
+                "truth": dict(entry.truth),
+            }
+            for entry in known
+        ]
+        typer.echo(json.dumps(table, indent=2))
+        return
+    for entry in known:
+        typer.echo(f"{entry.name}\n    {entry.summary} ({entry.licence})")
+
+
+def locate_dataset(name: str, *, as_json: bool = False) -> None:
+    """Fetch a set if need be and print the paths of its files."""
+    import json
+
+    from .. import datasets
+
+    dataset = datasets.fetch(name)
+    if as_json:
+        files = {role: str(path) for role, path in dataset.files.items()}
+        typer.echo(json.dumps({"name": name, "truth": dict(dataset.truth), "files": files}, indent=2))
+    else:
+        typer.echo(dataset.describe())

@@ -1,0 +1,6 @@
+"""What people look at: text, figures and one self-contained page of a result."""
+
+from .files import check_figure_path, write_figure
+from .text import explain_epoch, find_epoch, summary_text
+
+__all__ = ["check_figure_path", "explain_epoch", "find_epoch", "summary_text", "write_figure"]

@@ -1,0 +1,390 @@
+"""Static figures of a result, with matplotlib and without its global state.
+
+Every function draws into the axes given, or into a new figure, and returns the axes. Nothing is
+ever shown or saved here.
+"""
+
+import numpy as np
+
+from ..constants import SYSTEM_NAMES, SYSTEMS
+from ..errors import Status
+from ..observations import sat_name
+from ..timescales import format_gpst, gpst_to_datetime64
+from .style import (
+    BAND_ALPHA,
+    STATUS_COLORS,
+    SYSTEM_COLORS,
+    azimuth_for_plot,
+    caption,
+    length_reference,
+    thin_rows,
+)
+
+__all__ = [
+    "figure_page",
+    "plot_elevation",
+    "plot_heading",
+    "plot_length_residual",
+    "plot_residuals",
+    "plot_satellites_dop",
+    "plot_sky",
+]
+
+_MAX_POINTS = 60_000
+"""Residuals drawn at most; more would only make the file large."""
+
+
+def plot_heading(solution, *, ax=None):
+    """Azimuth of the baseline against time, with its 3-sigma band, coloured by status.
+
+    Parameters
+    ----------
+    solution : BaselineSolution
+        Result of `truenorth.solve_baseline`.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Degrees; the line is broken where the azimuth passes north on a whole circle, and where
+        there is no solution.
+    """
+    ax = _axes(ax)
+    azimuth_deg, is_whole_circle = azimuth_for_plot(solution)
+    _plot_angle(ax, solution, azimuth_deg, np.degrees(solution.azimuth_sd_rad))
+    if is_whole_circle:
+        ax.set_ylim(0.0, 360.0)
+        ax.set_yticks(np.arange(0.0, 361.0, 90.0))
+    else:
+        low, high = ax.get_ylim()
+        if low < 0.0 or high > 360.0:
+            ax.yaxis.set_major_formatter(lambda value, _: f"{value % 360.0:g}")
+    ax.set_ylabel("azimuth, deg")
+    return ax
+
+
+def plot_elevation(solution, *, ax=None):
+    """Elevation of the baseline against time; arguments as `plot_heading`.
+
+    Parameters
+    ----------
+    solution : BaselineSolution
+        Result of `truenorth.solve_baseline`.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Degrees.
+    """
+    ax = _axes(ax)
+    _plot_angle(ax, solution, np.degrees(solution.elevation_rad), np.degrees(solution.elevation_sd_rad))
+    ax.set_ylabel("elevation, deg")
+    return ax
+
+
+def plot_length_residual(solution, *, ax=None):
+    """Measured length less the declared one (or less its median), with its 3-sigma band.
+
+    Parameters
+    ----------
+    solution : BaselineSolution
+        Result of `truenorth.solve_baseline`.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Millimetres.
+    """
+    ax = _axes(ax)
+    reference_m, name = length_reference(solution)
+    _plot_angle(ax, solution, 1e3 * (solution.length_m - reference_m), 1e3 * solution.length_sd_m)
+    ax.axhline(0.0, color="black", linewidth=0.8)
+    if name == "declared" and solution.settings.get("length_sd_m"):
+        sd_mm = 1e3 * solution.settings["length_sd_m"]
+        for side in (-3.0, 3.0):
+            ax.axhline(side * sd_mm, color="black", linewidth=0.8, linestyle=":")
+    ax.set_ylabel(f"length less {name}, mm")
+    return ax
+
+
+def plot_residuals(solution, *, ax=None):
+    """Phase residuals by satellite: in each column time runs from left to right.
+
+    Parameters
+    ----------
+    solution : BaselineSolution
+        Result of `truenorth.solve_baseline`.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Millimetres; the black bar of a satellite is its root mean square.
+    """
+    ax = _axes(ax)
+    ax.set_ylabel("phase residual, mm")
+    sats = np.unique(solution.residual_sat)
+    if len(sats) == 0:
+        _say_empty(ax, "no residuals of accepted epochs")
+        return ax
+    column = np.searchsorted(sats, solution.residual_sat)
+    residual_mm = 1e3 * solution.residual_m
+    position = column - 0.4 + 0.8 * (solution.residual_epoch + 0.5) / solution.n_epochs
+    drawn = thin_rows(len(column), _MAX_POINTS)
+    system = sats // 100
+    for code in np.unique(system):
+        rows = drawn[solution.residual_sat[drawn] // 100 == code]
+        letter = SYSTEMS[code]
+        ax.plot(
+            position[rows],
+            residual_mm[rows],
+            ".",
+            markersize=1.5,
+            color=SYSTEM_COLORS[letter],
+            label=SYSTEM_NAMES[letter],
+            rasterized=True,
+        )
+    for k in range(len(sats)):
+        rms_mm = np.sqrt(np.mean(residual_mm[column == k] ** 2))
+        ax.plot([k, k], [-rms_mm, rms_mm], color="black", linewidth=2.0, solid_capstyle="butt")
+    ax.axhline(0.0, color="black", linewidth=0.5)
+    ax.set_xlim(-0.6, len(sats) - 0.4)
+    ax.set_xticks(range(len(sats)), [sat_name(int(sat)) for sat in sats], rotation=90, fontsize="small")
+    ax.grid(axis="y", alpha=0.3)
+    ax.legend(loc="upper right", ncols=4, fontsize="small", markerscale=5.0)
+    return ax
+
+
+def plot_sky(solution, *, ax=None):
+    """Where the satellites used stood, north up, horizon at the rim.
+
+    Parameters
+    ----------
+    solution : BaselineSolution
+        Result of `truenorth.solve_baseline`.
+    ax : matplotlib.projections.polar.PolarAxes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    matplotlib.projections.polar.PolarAxes
+        Radius is 90 degrees less the elevation.
+    """
+    ax = _axes(ax, projection="polar")
+    ax.set_theta_zero_location("N")
+    ax.set_theta_direction(-1)
+    ax.set_rlim(0.0, 90.0)
+    ax.set_rgrids([30.0, 60.0, 90.0], ["60°", "30°", ""], fontsize="x-small", angle=22.5)
+    ax.set_thetagrids(range(0, 360, 45), ["N", "", "E", "", "S", "", "W", ""])
+    for sat in np.unique(solution.residual_sat):
+        rows = np.flatnonzero(solution.residual_sat == sat)
+        rows = rows[thin_rows(len(rows), 400)]
+        color = SYSTEM_COLORS[SYSTEMS[sat // 100]]
+        zenith_deg = 90.0 - np.degrees(solution.residual_elevation_rad[rows])
+        azimuth_rad = solution.residual_azimuth_rad[rows]
+        ax.plot(azimuth_rad, zenith_deg, ".", markersize=2.0, color=color)
+        ax.plot(azimuth_rad[-1:], zenith_deg[-1:], "o", markersize=5.0, color=color)
+        ax.annotate(
+            sat_name(int(sat)),
+            (azimuth_rad[-1], zenith_deg[-1]),
+            xytext=(4, 3),
+            textcoords="offset points",
+            fontsize="x-small",
+            color=color,
+        )
+    if len(solution.residual_sat) == 0:
+        _say_empty(ax, "no satellites of accepted epochs")
+    return ax
+
+
+def plot_satellites_dop(solution, *, ax=None):
+    """Satellites used, and dilution of position, azimuth and elevation, against time.
+
+    Parameters
+    ----------
+    solution : BaselineSolution
+        Result of `truenorth.solve_baseline`.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Satellites on the left; the dilutions have their own axis on the right.
+    """
+    ax = _axes(ax)
+    time = gpst_to_datetime64(solution.time_ns)
+    ax.step(time, solution.n_sats, where="mid", color="black", linewidth=1.2, label="satellites")
+    ax.set_ylim(0, max(4, int(np.max(solution.n_sats, initial=0))) * 1.35)
+    ax.set_ylabel("satellites used")
+    ax.yaxis.get_major_locator().set_params(integer=True)
+    right = ax.twinx()
+    for name, label, color in (
+        ("pdop", "position", "#D55E00"),
+        ("azimuth_dop", "azimuth", "#0072B2"),
+        ("elevation_dop", "elevation", "#009E73"),
+    ):
+        right.plot(time, getattr(solution, name), color=color, linewidth=1.0, label=f"{label} DOP")
+    _limit_dop(right, solution)
+    right.set_ylabel("dilution of precision")
+    handles = [*ax.get_lines(), *right.get_lines()]
+    ax.legend(
+        handles, [line.get_label() for line in handles], loc="upper center", ncols=4, fontsize="x-small"
+    )
+    _time_axis(ax, solution)
+    return ax
+
+
+def figure_page(solution):
+    """One page: heading, elevation, length, residuals by satellite, sky, satellites and dilution.
+
+    Parameters
+    ----------
+    solution : BaselineSolution
+        Result of `truenorth.solve_baseline`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Call its ``savefig``.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.0, 13.0), dpi=120, layout="constrained")
+    grid = figure.add_gridspec(5, 2, height_ratios=(1.25, 1.0, 1.0, 1.1, 1.6), width_ratios=(1.0, 1.25))
+    heading = figure.add_subplot(grid[0, :])
+    plot_heading(solution, ax=heading)
+    plot_elevation(solution, ax=figure.add_subplot(grid[1, :], sharex=heading))
+    plot_length_residual(solution, ax=figure.add_subplot(grid[2, :], sharex=heading))
+    plot_residuals(solution, ax=figure.add_subplot(grid[3, :]))
+    plot_sky(solution, ax=figure.add_subplot(grid[4, 0], projection="polar"))
+    plot_satellites_dop(solution, ax=figure.add_subplot(grid[4, 1]))
+    heading.legend(
+        handles=_status_handles(solution),
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.0),
+        ncols=5,
+        fontsize="small",
+        frameon=False,
+    )
+    figure.suptitle("Direction of the baseline", fontsize="large", fontweight="bold")
+    figure.supxlabel(caption(solution), fontsize="small")
+    return figure
+
+
+def _axes(ax, **options):
+    """The axes given, or new ones in a figure that no global state knows."""
+    if ax is not None:
+        return ax
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 5.0), dpi=120, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure.add_subplot(**options)
+
+
+def _plot_angle(ax, solution, value, sd):
+    """A value with its 3-sigma band over time, by status; gaps, and jumps of half a turn, break both."""
+    time = gpst_to_datetime64(solution.time_ns)
+    accepted = solution.is_accepted & np.isfinite(value)
+    for piece in _pieces(solution.time_ns, np.where(accepted, value, np.nan)):
+        band = (value[piece] - 3.0 * sd[piece], value[piece] + 3.0 * sd[piece])
+        ax.fill_between(time[piece], *band, color=STATUS_COLORS[Status.FIXED], alpha=BAND_ALPHA, linewidth=0)
+        ax.plot(time[piece], value[piece], color=STATUS_COLORS[Status.FIXED], linewidth=0.6, alpha=0.6)
+    for status in (Status.FLOAT, Status.HELD, Status.FIXED):
+        rows = np.flatnonzero((solution.status == status) & np.isfinite(value))
+        ax.plot(time[rows], value[rows], ".", markersize=3.0, color=STATUS_COLORS[status], label=status.label)
+    _limit_to_accepted(ax, value, sd, accepted)
+    absent = time[solution.status == Status.NONE]
+    if len(absent):
+        ax.plot(
+            absent,
+            np.full(len(absent), 0.02),
+            "|",
+            color=STATUS_COLORS[Status.NONE],
+            transform=ax.get_xaxis_transform(),
+            label=Status.NONE.label,
+        )
+    ax.grid(alpha=0.3)
+    _time_axis(ax, solution)
+
+
+def _pieces(time_ns, value):
+    """Runs of epochs without gap, missing value or jump of more than 180, as index arrays."""
+    known = np.flatnonzero(np.isfinite(value))
+    if len(known) == 0:
+        return []
+    spacing_ns = np.median(np.diff(time_ns)) if len(time_ns) > 1 else 0
+    step_ns, jump = np.diff(time_ns[known]), np.abs(np.diff(value[known]))
+    cut = (step_ns > 1.5 * spacing_ns) | (jump > 180.0) | (np.diff(known) > 1)
+    return np.split(known, np.flatnonzero(cut) + 1)
+
+
+def _limit_to_accepted(ax, value, sd, accepted):
+    """Let the accepted epochs set the scale, so that wild float ones do not; say what is outside."""
+    if not np.any(accepted):
+        return
+    low = np.min((value - 3.0 * np.nan_to_num(sd))[accepted])
+    high = np.max((value + 3.0 * np.nan_to_num(sd))[accepted])
+    margin = max(0.15 * (high - low), 1e-3)
+    low, high = low - margin, high + margin
+    ax.set_ylim(low, high)
+    outside = int(np.count_nonzero(np.isfinite(value) & ((value < low) | (value > high))))
+    if outside:
+        ax.text(
+            0.995,
+            0.97,
+            f"{outside} float epochs outside the scale",
+            transform=ax.transAxes,
+            ha="right",
+            va="top",
+            fontsize="x-small",
+            color=STATUS_COLORS[Status.FLOAT],
+        )
+
+
+def _limit_dop(ax, solution):
+    dilutions = np.concatenate([solution.pdop, solution.azimuth_dop, solution.elevation_dop])
+    dilutions = dilutions[np.isfinite(dilutions)]
+    # A few epochs of poor geometry would flatten all the others.
+    ax.set_ylim(0.0, 1.45 * np.quantile(dilutions, 0.99) if len(dilutions) else 1.0)
+
+
+def _time_axis(ax, solution):
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
+    locator = AutoDateLocator(maxticks=8)
+    ax.xaxis.set_major_locator(locator)
+    ax.xaxis.set_major_formatter(ConciseDateFormatter(locator, show_offset=False))
+    if solution.n_epochs:
+        ax.set_xlabel(f"GPS time, {format_gpst(solution.time_ns[0], decimals=0)[:10]}", fontsize="small")
+
+
+def _say_empty(ax, text):
+    ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", color="gray")
+
+
+def _status_handles(solution):
+    """Legend entries: every status with its count, and the band."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    handles = []
+    for status in sorted(Status, reverse=True):
+        count = int(np.count_nonzero(solution.status == status))
+        marker = "|" if status == Status.NONE else "o"
+        label = f"{status.label} ({count})"
+        handles.append(
+            Line2D(
+                [], [], linestyle="", marker=marker, markersize=5, color=STATUS_COLORS[status], label=label
+            )
+        )
+    handles.append(Patch(color=STATUS_COLORS[Status.FIXED], alpha=BAND_ALPHA, label="3 sigma of accepted"))
+    return handles

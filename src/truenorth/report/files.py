@@ -1,0 +1,75 @@
+"""Writing the figure page of a result; the suffix names the kind of file."""
+
+from pathlib import Path
+
+from ..errors import ConfigError
+from ..export.files import ensure_writable
+
+__all__ = ["STATIC_SUFFIXES", "check_figure_path", "write_figure"]
+
+STATIC_SUFFIXES = (".png", ".pdf", ".svg")
+"""Suffixes of static pages; ``.html`` is interactive."""
+
+
+def check_figure_path(path):
+    """Make sure that a figure page can be written.
+
+    Parameters
+    ----------
+    path : str or path-like
+        File to be written later.
+
+    Raises
+    ------
+    ConfigError
+        If the suffix is unknown or the file cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in (*STATIC_SUFFIXES, ".html"):
+        known = ", ".join((*STATIC_SUFFIXES, ".html"))
+        raise ConfigError(
+            f"could not choose the format of {path}: {path.suffix or 'no suffix'!r} is not one of {known}",
+            key="figure",
+            value=str(path),
+        )
+    ensure_writable(path, key="figure")
+
+
+def write_figure(solution, path):
+    """Write the figure page of a result.
+
+    Parameters
+    ----------
+    solution : BaselineSolution
+        Result of `truenorth.solve_baseline`.
+    path : str or path-like
+        ``.png``, ``.pdf`` or ``.svg`` for a static page, ``.html`` for an interactive one.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    ConfigError
+        If the suffix is unknown or the file cannot be written.
+    """
+    path = Path(path)
+    check_figure_path(path)
+    try:
+        if path.suffix.lower() == ".html":
+            from .page import page_html
+
+            path.write_text(page_html(solution), encoding="utf-8")
+        else:
+            from .figures import figure_page
+
+            figure_page(solution).savefig(path)
+    except OSError as error:
+        raise ConfigError(
+            f"could not write {path}: {error.strerror or error}; give another place",
+            key="figure",
+            value=str(path),
+        ) from error
+    return path

@@ -1,0 +1,131 @@
+"""Colours and words that every figure shares.
+
+The colours are those of Okabe and Ito, which people with any colour vision can tell apart.
+
+References
+----------
+M. Okabe and K. Ito, "Color Universal Design", 2008.
+"""
+
+import numpy as np
+
+from ..errors import Status
+from ..timescales import format_gpst
+
+__all__ = [
+    "BAND_ALPHA",
+    "STATUS_COLORS",
+    "SYSTEM_COLORS",
+    "azimuth_for_plot",
+    "caption",
+    "length_reference",
+    "thin_rows",
+]
+
+STATUS_COLORS = {
+    Status.FIXED: "#0072B2",
+    Status.HELD: "#56B4E9",
+    Status.FLOAT: "#E69F00",
+    Status.NONE: "#999999",
+}
+"""The one palette of the status, in every figure."""
+
+SYSTEM_COLORS = {
+    "G": "#0072B2",
+    "R": "#D55E00",
+    "E": "#009E73",
+    "C": "#CC79A7",
+    "J": "#56B4E9",
+    "I": "#E69F00",
+    "S": "#000000",
+}
+
+BAND_ALPHA = 0.2
+
+
+def caption(solution):
+    """What a figure shows: data set, epochs, share accepted.
+
+    Parameters
+    ----------
+    solution : BaselineSolution
+        Result of `truenorth.solve_baseline`.
+
+    Returns
+    -------
+    str
+        One line.
+    """
+    from ..export.rtklib_pos import input_paths
+
+    names = [name.replace("\\", "/").rsplit("/", 1)[-1] for name in input_paths(solution)[:2]]
+    rover, base = (*names, "", "")[:2]
+    source = f"{base} to {rover}, " if base and rover else ""
+    if solution.n_epochs == 0:
+        return f"{source}no epochs"
+    share = 100.0 * np.count_nonzero(solution.is_accepted) / solution.n_epochs
+    method = solution.settings.get("method")
+    how = f", method {method}" if method else ""
+    return (
+        f"{source}{format_gpst(solution.time_ns[0], decimals=0)} to "
+        f"{format_gpst(solution.time_ns[-1], decimals=0)} GPST, {solution.n_epochs} epochs, "
+        f"{share:.1f} % accepted{how}"
+    )
+
+
+def azimuth_for_plot(solution):
+    """Azimuths in degrees on a scale that is not broken where it need not be.
+
+    When all accepted azimuths lie within half a turn, they are given around their circular mean
+    (so they may be negative or above 360; label them modulo 360). Otherwise they stay in [0, 360).
+
+    Parameters
+    ----------
+    solution : BaselineSolution
+        Result of `truenorth.solve_baseline`.
+
+    Returns
+    -------
+    azimuth_deg : ndarray, shape (n,)
+    is_whole_circle : bool
+        Whether the scale is [0, 360).
+    """
+    azimuth_deg = np.degrees(solution.azimuth_rad)
+    good = solution.is_accepted & np.isfinite(azimuth_deg)
+    if not np.any(good):
+        good = np.isfinite(azimuth_deg)
+    if not np.any(good):
+        return azimuth_deg, True
+    mean_deg = np.degrees(np.angle(np.mean(np.exp(1j * np.radians(azimuth_deg[good])))))
+    off_deg = (azimuth_deg - mean_deg + 180.0) % 360.0 - 180.0
+    if np.ptp(off_deg[good]) > 180.0:
+        return azimuth_deg, True
+    centre_deg = mean_deg % 360.0
+    return centre_deg + off_deg, False
+
+
+def length_reference(solution):
+    """Length that measured ones are compared with, and its name: declared, else the median.
+
+    Parameters
+    ----------
+    solution : BaselineSolution
+        Result of `truenorth.solve_baseline`.
+
+    Returns
+    -------
+    reference_m : float
+        NaN where nothing was measured.
+    name : str
+    """
+    declared_m = solution.settings.get("length_m")
+    if declared_m is not None:
+        return float(declared_m), "declared"
+    use = solution.is_accepted if np.any(solution.is_accepted) else np.isfinite(solution.length_m)
+    measured = solution.length_m[use & np.isfinite(solution.length_m)]
+    return (float(np.median(measured)) if len(measured) else np.nan), "median"
+
+
+def thin_rows(n_rows, limit):
+    """Rows to draw so that there are no more than about `limit`, evenly taken."""
+    return np.arange(0, n_rows, max(1, -(-n_rows // limit)))
