@@ -27,7 +27,6 @@ from .acceptance import (
     AcceptanceTest,
     difference_test,
     difference_threshold,
-    posterior_probability,
     probability_test,
     ratio_test,
     residual_test,
