@@ -41,11 +41,13 @@ def data_dir() -> Path:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark every test with its level, which is the name of the folder it is in."""
+    """Mark every test with its level, the name of the folder it is in, and with its need of real data."""
     for item in items:
         folder = item.path.relative_to(TESTS).parts[0] if item.path.is_relative_to(TESTS) else ""
         if folder in LEVELS:
             item.add_marker(getattr(pytest.mark, folder))
+        if "data_dir" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.real_data)
 
 
 def pytest_report_header() -> str:

@@ -2,7 +2,7 @@
 
 import contextlib
 import doctest
-import importlib
+import importlib.util
 import inspect
 import io
 import itertools
@@ -118,3 +118,10 @@ def test_the_readme_has_one_command_each_for_the_job_and_the_tests():
         found = re.findall(rf"<!-- command: {purpose} -->\n```sh\n(.+)\n```", readme)
         assert len(found) == 1, f"one command for the {purpose}, marked as such"
         assert found[0].startswith("python3.11 -m venv .venv && .venv/bin/pip install")
+
+
+def test_the_page_of_data_sets_is_the_table():
+    spec = importlib.util.spec_from_file_location("datasets_page", ROOT / "tools" / "datasets_page.py")
+    tool = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(tool)
+    assert tool.PAGE.read_text(encoding="utf-8") == tool.page(), "run python tools/datasets_page.py"
