@@ -394,7 +394,7 @@ def solve_single_epochs(
     prior_information, prior_rhs,
     length, length_variance, use_length_in_search, check_length, length_tolerance_sd, kappa,
     cap_factor, margin, max_nodes, chi2_limits, min_probability, ratio_mode, min_ratio,
-    residual, ambiguity, second_ambiguity, out, status, reason,
+    residual, ambiguity, out, status, reason,
 ):  # fmt: skip
     """Resolve every epoch by itself; results in `out` (n_epochs, N_COLUMNS), `status`, `reason`."""
     n_epochs = len(phase_start) - 1

@@ -1,0 +1,198 @@
+"""The baseline between two antennas from their raw observations, epoch by epoch.
+
+Call stack: read -> single-point positions and clocks -> single differences -> integers -> solution.
+"""
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from ..ambiguity.differencing import build_single_differences
+from ..ambiguity.resolution import resolve_epochs
+from ..config import GnssSettings
+from ..errors import ConfigError, NoSolutionError, Status
+from ..frames import azimuth_elevation_from_enu
+from .solution import BaselineSolution
+
+__all__ = ["solve_baseline"]
+
+
+def solve_baseline(base, rover, navigation=(), *, length_m=None, settings=None, progress=None, **overrides):
+    """Baseline from the base to the rover antenna at every common epoch.
+
+    Parameters
+    ----------
+    base, rover : path or Observations
+        Raw observations of the two receivers (RINEX, UBX).
+    navigation : path, sequence of paths or Navigation
+        Broadcast ephemerides; may stay empty where the observation logs hold them (UBX).
+    length_m : float, optional
+        Known antenna separation, metres.
+    settings : GnssSettings, optional
+        All options; the defaults where omitted.
+    progress : callable, optional
+        Called with (epochs done, epochs in all).
+    **overrides
+        Single fields of `GnssSettings` by name.
+
+    Returns
+    -------
+    BaselineSolution
+
+    Raises
+    ------
+    FormatError
+        If a file cannot be read.
+    ConfigError
+        If an option is unknown or impossible.
+    NoSolutionError
+        If the files hold nothing in common that could be solved.
+
+    Examples
+    --------
+    >>> import truenorth
+    >>> solution = truenorth.solve_baseline("base.obs", "rover.obs", "brdc.nav", length_m=0.99)  # doctest: +SKIP
+    """
+    import msgspec
+
+    from ..positioning import solve_single_point
+
+    settings = settings or GnssSettings()
+    if length_m is not None:
+        overrides["length_m"] = float(length_m)
+    if overrides:
+        try:
+            settings = msgspec.structs.replace(settings, **overrides)
+        except TypeError as error:
+            raise ConfigError(f"could not apply the options: {error}") from None
+    seconds = {}
+    clock = time.perf_counter()
+    base, rover, navigation = _read_inputs(base, rover, navigation)
+    seconds["read"] = time.perf_counter() - clock
+
+    clock = time.perf_counter()
+    options = {"systems": settings.systems, "elevation_mask_deg": min(settings.elevation_mask_deg, 10.0)}
+    base_point = solve_single_point(base, navigation, **options)
+    rover_point = solve_single_point(rover, navigation, **options)
+    differences = build_single_differences(base, rover, base_point, rover_point, settings)
+    resolved = resolve_epochs(differences, settings, progress=progress)
+    solution = _assemble(differences, resolved, settings)
+    seconds["solve"] = time.perf_counter() - clock
+    object.__setattr__(solution, "seconds", seconds)
+    return solution
+
+
+def _read_inputs(base, rover, navigation):
+    from ..formats import read_navigation, read_observations
+    from ..navigation import Navigation
+    from ..observations import Observations
+
+    if isinstance(navigation, (str, Path)):
+        navigation = (navigation,)
+    if not isinstance(navigation, Navigation):
+        paths = list(navigation)
+        if not paths:
+            paths = [p for p in (base, rover) if isinstance(p, (str, Path))]
+        navigation = read_navigation(*paths)
+    if not isinstance(base, Observations):
+        base = read_observations(base)
+    if not isinstance(rover, Observations):
+        rover = read_observations(rover)
+    for name, observations in (("base", base), ("rover", rover)):
+        if observations.n_epochs == 0:
+            raise NoSolutionError(f"could not solve: the {name} file {observations.meta.path} holds no epochs")
+    return base, rover, navigation
+
+
+def _assemble(differences, resolved, settings):
+    """The public result from the engine's table."""
+    from .._kernels import baseline as kernel
+
+    d, r = differences, resolved
+    n = d.n_epochs
+    table = r.table
+    status = r.status.copy()
+    fixed = (status == Status.FIXED) | (status == Status.HELD)
+    is_float = status == Status.FLOAT
+
+    def symmetric(first):
+        xx, yy, zz, xy, xz, yz = (table[:, first + k] for k in range(6))
+        return np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(n, 3, 3)
+
+    enu = np.where(fixed[:, None], table[:, kernel.BX : kernel.BZ + 1], np.nan)
+    enu[is_float] = table[is_float, kernel.FLOAT_X : kernel.FLOAT_Z + 1]
+    cov = np.where(fixed[:, None, None], symmetric(kernel.COV), np.nan)
+    cov[is_float] = symmetric(kernel.FLOAT_COV)[is_float]
+    length = np.where(fixed, table[:, kernel.LENGTH], np.linalg.norm(enu, axis=1))
+    azimuth, elevation = azimuth_elevation_from_enu(enu)
+    horizontal = np.hypot(enu[:, 0], enu[:, 1])
+    size = np.linalg.norm(enu, axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        g_az = np.stack([enu[:, 1], -enu[:, 0], np.zeros(n)], axis=1) / horizontal[:, None] ** 2
+        g_el = np.stack([-enu[:, 2] * enu[:, 0], -enu[:, 2] * enu[:, 1], horizontal**2], axis=1)
+        g_el /= (horizontal * size**2)[:, None]
+        unit = enu / size[:, None]
+    def spread(g):
+        return np.sqrt(np.einsum("ni,nij,nj->n", g, cov, g))
+
+    length_sd = np.where(fixed, table[:, kernel.LENGTH_SD], spread(unit))
+    epoch = np.repeat(np.arange(n), np.diff(r.start))
+    accepted_row = fixed[epoch]
+    row = r.row[accepted_row]
+    residual_epoch = epoch[accepted_row]
+    first = np.zeros(len(r.row), bool)
+    if len(r.row):
+        group = d.group[r.row]
+        first[0] = True
+        first[1:] = (group[1:] != group[:-1]) | (epoch[1:] != epoch[:-1])
+    sat_key = np.unique(epoch * 1000 + d.sat[r.row])
+    n_sats = np.bincount(sat_key // 1000, minlength=n)
+    ecef = np.einsum("nji,nj->ni", d.rot_enu_from_ecef, enu)
+    return BaselineSolution(
+        time_ns=d.time_ns,
+        status=status,
+        reason=r.reason,
+        baseline_ecef_m=ecef,
+        baseline_enu_m=enu,
+        cov_enu_m2=cov,
+        azimuth_rad=azimuth,
+        elevation_rad=elevation,
+        azimuth_sd_rad=spread(g_az),
+        elevation_sd_rad=spread(g_el),
+        length_m=length,
+        length_sd_m=length_sd,
+        n_sats=n_sats.astype(np.int16),
+        n_signals=np.nan_to_num(table[:, kernel.N_PHASES]).astype(np.int16),
+        pdop=table[:, kernel.PDOP],
+        hdop=table[:, kernel.HDOP],
+        vdop=table[:, kernel.VDOP],
+        azimuth_dop=table[:, kernel.AZ_DOP],
+        elevation_dop=table[:, kernel.EL_DOP],
+        ratio=table[:, kernel.RATIO],
+        success_probability=table[:, kernel.PROBABILITY],
+        chi2=table[:, kernel.CHI2],
+        chi2_limit=table[:, kernel.CHI2_LIMIT],
+        quality=_quality(status, cov),
+        position_ecef_m=d.position_ecef_m,
+        residual_epoch=residual_epoch,
+        residual_sat=d.sat[row],
+        residual_signal=d.signal[row],
+        residual_m=r.residual_m[accepted_row],
+        residual_elevation_rad=d.elevation_rad[row],
+        residual_azimuth_rad=d.azimuth_rad[row],
+        residual_integer_cyc=r.integer_cyc[accepted_row],
+        residual_is_reference=first[accepted_row],
+    )
+
+
+def _quality(status, cov):
+    """Quality class 1 (integer) to 6, by status and expected error; Landfahrer 2009, table 5.1."""
+    sd = np.sqrt(np.einsum("nii->n", cov))
+    quality = np.zeros(len(status), np.uint8)
+    known = np.isfinite(sd)
+    quality[known] = np.digitize(sd[known], [0.40, 1.00, 2.00, 5.00]).astype(np.uint8) + 2
+    fixed = (status == Status.FIXED) | (status == Status.HELD)
+    quality[fixed] = np.where(sd[fixed] <= 0.15, 1, 2)
+    quality[status == Status.NONE] = 0
+    return quality
