@@ -27,6 +27,17 @@ def _solve3(a, b, out):
 
 
 @kernel
+def _across(v, out):
+    """Fill with the unit vector of the axis that is farthest from a vector."""
+    smallest = 0
+    for r in range(3):
+        out[r] = 0.0
+        if abs(v[r]) < abs(v[smallest]):
+            smallest = r
+    out[smallest] = 1.0
+
+
+@kernel
 def _triad(first, second, out):
     """Right-handed orthonormal columns along the first vector, then the plane of both."""
     n = np.sqrt(first[0] ** 2 + first[1] ** 2 + first[2] ** 2)
@@ -109,7 +120,9 @@ def attitude_of_integer_sets(
     n_epochs, n_base, n_sat = fraction_cyc.shape
     n_digits = n_base * n_sat
     base = 2 * bound + 1
-    cost = np.full(index.shape[0], np.inf)
+    cost = np.empty(index.shape[0])
+    for t in range(index.shape[0]):
+        cost[t] = np.inf
     r = np.empty((n_base, n_sat))
     a = np.empty((3, 3))
     local = np.empty((3, 3))
@@ -142,13 +155,9 @@ def attitude_of_integer_sets(
                     _triad(vector[0], vector[1], local)
                 else:
                     # The turn about the only baseline is free: any second direction will do.
-                    for p in range(3):
-                        second[p] = 0.0
-                    second[int(np.argmin(np.abs(baseline_cyc[0])))] = 1.0
+                    _across(baseline_cyc[0], second)
                     _triad(baseline_cyc[0], second, body)
-                    for p in range(3):
-                        second[p] = 0.0
-                    second[int(np.argmin(np.abs(vector[0])))] = 1.0
+                    _across(vector[0], second)
                     _triad(vector[0], second, local)
                 for p in range(3):
                     for q in range(3):
@@ -208,7 +217,9 @@ def attitude_of_integer_sets(
                 _attitude_step(a, turn)
             total += value
             if rot.shape[0] > 0:
-                rot[t, e] = a
+                for p in range(3):
+                    for q in range(3):
+                        rot[t, e, p, q] = a[p, q]
         cost[t] = total
         if early_exit and total <= cost_limit:
             return cost, t + 1
@@ -256,10 +267,11 @@ def sphere_minimum(normal, centre, radius, x):
     damping = 0.0
     for _ in range(50):
         # Two directions that span the tangent plane.
-        smallest = int(np.argmin(np.abs(u)))
-        n = np.sqrt(1.0 - u[smallest] ** 2)
+        _across(u, t1)
+        dot = u[0] * t1[0] + u[1] * t1[1] + u[2] * t1[2]
+        n = np.sqrt(1.0 - dot * dot)
         for r in range(3):
-            t1[r] = ((1.0 if r == smallest else 0.0) - u[smallest] * u[r]) / n
+            t1[r] = (t1[r] - dot * u[r]) / n
         for r in range(3):
             i, j = (r + 1) % 3, (r + 2) % 3
             t2[r] = u[i] * t1[j] - u[j] * t1[i]
@@ -352,13 +364,13 @@ def search_on_sphere(
     integers : ndarray of int64, shape (n_keep, m)
     baseline : ndarray, shape (n_keep, 3)
     objective : ndarray, shape (n_keep,)
-        Unordered; infinite where nothing was kept.
+        Unordered.
     n_kept : int
     """
     m = phase_m.shape[0]
     integers = np.zeros((n_keep, m), dtype=np.int64)
     baseline = np.zeros((n_keep, 3))
-    objective = np.full(n_keep, np.inf)
+    objective = np.zeros(n_keep)
     n = first.copy()
     w = np.zeros(m)
     free = np.empty(3)
@@ -392,12 +404,18 @@ def search_on_sphere(
                 if n_kept < n_keep:
                     place = n_kept
                     n_kept += 1
-                integers[place] = n
-                baseline[place] = x
+                # Element by element: assigning a row costs three seconds of compilation.
+                for i in range(m):
+                    integers[place, i] = n[i]
+                for r in range(3):
+                    baseline[place, r] = x[r]
                 objective[place] = value
                 if n_kept == n_keep:
-                    place = int(np.argmax(objective))
-                    limit = objective[place]
+                    limit = -1.0
+                    for k in range(n_keep):
+                        if objective[k] > limit:
+                            limit = objective[k]
+                            place = k
         changed = m - 1
         while changed >= 0:
             n[changed] += 1

@@ -32,7 +32,9 @@ def rounding_order(design, variance_m2, wavelength_m, cov_primary):
         Row indices; 0, 1, 2 first. Correlation between rows is left out: it only orders.
     """
     m = design.shape[0]
-    order = np.arange(m)
+    order = np.empty(m, dtype=np.int64)
+    for i in range(m):
+        order[i] = i
     cov = cov_primary.copy()
     pa = np.empty(3)
     for k in range(3, m):
@@ -180,7 +182,7 @@ def search_primaries(
     m = phase_m.shape[0]
     integers = np.zeros((n_keep, m), dtype=np.int64)
     baselines = np.zeros((n_keep, 3))
-    objective = np.full(n_keep, np.inf)
+    objective = np.zeros(n_keep)
     counts = np.zeros(4, dtype=np.int64)
     n_row = np.zeros(m, dtype=np.int64)
     y = np.empty(m)
@@ -274,7 +276,7 @@ def search_primaries(
                                 + whitened_design[i, 1] * x[1]
                                 + whitened_design[i, 2] * x[2]
                             )
-                        n_row[i] = int(np.round((phase_m[i] - predicted) / wavelength_m[i]))
+                        n_row[i] = int(np.floor((phase_m[i] - predicted) / wavelength_m[i] + 0.5))
                         y[i] = phase_m[i] - wavelength_m[i] * n_row[i]
                     w[i] = (y[i] - known) / lower[i, i]
                     if i >= 3:
@@ -299,11 +301,17 @@ def search_primaries(
                     n_kept += 1
                 else:
                     place = worst
-                integers[place] = n_row
-                baselines[place] = x
+                # Element by element: assigning a row costs three seconds of compilation.
+                for i in range(m):
+                    integers[place, i] = n_row[i]
+                for r in range(3):
+                    baselines[place, r] = x[r]
                 objective[place] = omega
                 if n_kept == n_keep:
-                    worst = int(np.argmax(objective))
-                    limit = objective[worst]
+                    limit = -1.0
+                    for k in range(n_keep):
+                        if objective[k] > limit:
+                            limit = objective[k]
+                            worst = k
     counts[3] = n_kept
     return integers, baselines, objective, counts
