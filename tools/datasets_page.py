@@ -12,10 +12,10 @@ HEAD = """\
 Made by `python tools/datasets_page.py` from `src/truenorth/datasets.toml`; a test keeps the two together.
 
 Every set is somebody else's measurement, in a public repository. `truenorth.datasets.fetch(name)` takes it
-from the folder that the environment variable `TRUENORTH_DATA` names (one folder for each set), or downloads it
-once into the user's cache; the content is checked against its SHA-256 either way. On the command line:
-`truenorth datasets`, and `truenorth example NAME` for the pairs. Files marked *derived* were made from upstream
-ones and cannot be downloaded.
+from the folder that the environment variable `TRUENORTH_DATA` names (one folder for each set), or downloads
+it once into the user's cache; the content is checked against its SHA-256 either way. On the command line:
+`truenorth datasets`, and `truenorth example NAME` for the pairs. Files marked *derived* were made from
+upstream ones and cannot be downloaded.
 """
 
 
