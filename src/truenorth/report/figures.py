@@ -17,6 +17,7 @@ from .style import (
     azimuth_for_plot,
     caption,
     length_reference,
+    runs_of_epochs,
     thin_rows,
 )
 
@@ -259,9 +260,13 @@ def figure_page(solution):
     figure = Figure(figsize=(10.0, 13.0), dpi=120, layout="constrained")
     grid = figure.add_gridspec(5, 2, height_ratios=(1.25, 1.0, 1.0, 1.1, 1.6), width_ratios=(1.0, 1.25))
     heading = figure.add_subplot(grid[0, :])
+    elevation = figure.add_subplot(grid[1, :], sharex=heading)
     plot_heading(solution, ax=heading)
-    plot_elevation(solution, ax=figure.add_subplot(grid[1, :], sharex=heading))
+    plot_elevation(solution, ax=elevation)
     plot_length_residual(solution, ax=figure.add_subplot(grid[2, :], sharex=heading))
+    for ax in (heading, elevation):
+        ax.set_xlabel("")
+        ax.tick_params(labelbottom=False)
     plot_residuals(solution, ax=figure.add_subplot(grid[3, :]))
     plot_sky(solution, ax=figure.add_subplot(grid[4, 0], projection="polar"))
     plot_satellites_dop(solution, ax=figure.add_subplot(grid[4, 1]))
@@ -294,7 +299,7 @@ def _plot_angle(ax, solution, value, sd):
     """A value with its 3-sigma band over time, by status; gaps, and jumps of half a turn, break both."""
     time = gpst_to_datetime64(solution.time_ns)
     accepted = solution.is_accepted & np.isfinite(value)
-    for piece in _pieces(solution.time_ns, np.where(accepted, value, np.nan)):
+    for piece in runs_of_epochs(solution.time_ns, np.where(accepted, value, np.nan)):
         band = (value[piece] - 3.0 * sd[piece], value[piece] + 3.0 * sd[piece])
         ax.fill_between(time[piece], *band, color=STATUS_COLORS[Status.FIXED], alpha=BAND_ALPHA, linewidth=0)
         ax.plot(time[piece], value[piece], color=STATUS_COLORS[Status.FIXED], linewidth=0.6, alpha=0.6)
@@ -314,17 +319,6 @@ def _plot_angle(ax, solution, value, sd):
         )
     ax.grid(alpha=0.3)
     _time_axis(ax, solution)
-
-
-def _pieces(time_ns, value):
-    """Runs of epochs without gap, missing value or jump of more than 180, as index arrays."""
-    known = np.flatnonzero(np.isfinite(value))
-    if len(known) == 0:
-        return []
-    spacing_ns = np.median(np.diff(time_ns)) if len(time_ns) > 1 else 0
-    step_ns, jump = np.diff(time_ns[known]), np.abs(np.diff(value[known]))
-    cut = (step_ns > 1.5 * spacing_ns) | (jump > 180.0) | (np.diff(known) > 1)
-    return np.split(known, np.flatnonzero(cut) + 1)
 
 
 def _limit_to_accepted(ax, value, sd, accepted):

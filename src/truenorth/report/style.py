@@ -19,6 +19,7 @@ __all__ = [
     "azimuth_for_plot",
     "caption",
     "length_reference",
+    "runs_of_epochs",
     "thin_rows",
 ]
 
@@ -129,3 +130,27 @@ def length_reference(solution):
 def thin_rows(n_rows, limit):
     """Rows to draw so that there are no more than about `limit`, evenly taken."""
     return np.arange(0, n_rows, max(1, -(-n_rows // limit)))
+
+
+def runs_of_epochs(time_ns, value):
+    """Split epochs where a line through them would lie.
+
+    Parameters
+    ----------
+    time_ns : ndarray of int64, shape (n,)
+        GPS time, nanoseconds.
+    value : ndarray of float64, shape (n,)
+        What is drawn; NaN where nothing is.
+
+    Returns
+    -------
+    list of ndarray of int
+        Epochs of each run without gap, missing value or jump of more than 180.
+    """
+    known = np.flatnonzero(np.isfinite(value))
+    if len(known) == 0:
+        return []
+    spacing_ns = np.median(np.diff(time_ns)) if len(time_ns) > 1 else 0
+    step_ns, jump = np.diff(time_ns[known]), np.abs(np.diff(value[known]))
+    cut = (step_ns > 1.5 * spacing_ns) | (jump > 180.0) | (np.diff(known) > 1)
+    return np.split(known, np.flatnonzero(cut) + 1)

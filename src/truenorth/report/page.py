@@ -1,0 +1,372 @@
+"""The interactive page of a result: one HTML file that needs nothing else.
+
+The verdict comes first, then the figures, then where everything came from.
+"""
+
+import html
+
+import numpy as np
+
+from ..constants import SYSTEM_NAMES
+from ..errors import REASON_SENTENCES, Reason, Status
+from ..export import summarize_solution
+from ..observations import sat_name, signal_name
+from ..timescales import gpst_to_datetime64
+from .style import (
+    BAND_ALPHA,
+    STATUS_COLORS,
+    SYSTEM_COLORS,
+    azimuth_for_plot,
+    caption,
+    length_reference,
+    runs_of_epochs,
+    thin_rows,
+)
+from .text import length_sentence
+
+__all__ = ["page_html"]
+
+_MAX_POINTS = 30_000
+
+_MAX_SVG_EPOCHS = 10_000
+"""Longer runs are drawn by WebGL, of which browsers allow few canvases on a page."""
+
+_STYLE = """
+body {
+  font: 15px/1.45 system-ui, sans-serif; color: #222;
+  max-width: 1100px; margin: 2em auto; padding: 0 1em;
+}
+h1 { font-size: 1.5em; margin-bottom: 0; }
+h2 { font-size: 1.15em; margin: 1.6em 0 0.4em; }
+table { border-collapse: collapse; }
+td, th { padding: 0.25em 0.9em 0.25em 0; text-align: left; vertical-align: top; }
+tr + tr td, tr + tr th { border-top: 1px solid #ddd; }
+th { font-weight: 600; white-space: nowrap; }
+.caption { color: #555; }
+.bad { color: #b00020; font-weight: 600; }
+pre { font-size: 0.85em; overflow-x: auto; background: #f6f6f6; padding: 0.8em; }
+"""
+
+
+def page_html(solution):
+    """The whole result as one HTML page with interactive figures.
+
+    Parameters
+    ----------
+    solution : BaselineSolution
+        Result of `truenorth.solve_baseline`.
+
+    Returns
+    -------
+    str
+        HTML text; the plotting library is inside, so that it opens without a network.
+    """
+    summary = summarize_solution(solution)
+    sections = [
+        _verdict(summary),
+        _figures(solution),
+        _provenance(solution, summary),
+    ]
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>Direction of the baseline</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
+        f'<h1>Direction of the baseline</h1>\n<p class="caption">{html.escape(caption(solution))}</p>\n'
+        + "\n".join(sections)
+        + "\n</body>\n</html>\n"
+    )
+
+
+def _verdict(summary):
+    """The table that answers what a reader asks first."""
+    counts = ", ".join(f"{count} {name}" for name, count in summary["epochs_by_status"].items() if count)
+    check = summary["length_check"]
+    length_class = "bad" if check["verdict"] == "disagrees" else ""
+    share = 100.0 * summary["accepted_fraction"]
+    rows = [
+        (
+            "Accepted",
+            f"{share:.1f} % of {summary['epochs']} epochs ({counts or 'none'})",
+            "bad" if share == 0 else "",
+        ),
+        ("Azimuth", _quantity(summary["azimuth_deg"], "°", 3), ""),
+        ("Elevation", _quantity(summary["elevation_deg"], "°", 3), ""),
+        ("Length", _quantity(summary["length_m"], " m", 4), ""),
+        ("Declared length", length_sentence(check), length_class),
+    ]
+    for name, entry in summary["reasons"].items():
+        rows.append(("Not accepted", f"{entry['epochs']} epochs, {name}: {entry['sentence']}", ""))
+    rows += [("Warning", text, "bad") for text in summary["warnings"]]
+    return "<h2>Verdict</h2>\n" + _table(rows)
+
+
+def _figures(solution):
+    """The figures, one under another."""
+    import plotly.graph_objects as go
+
+    time = gpst_to_datetime64(solution.time_ns)
+    azimuth_deg, is_whole_circle = azimuth_for_plot(solution)
+    reference_m, reference_name = length_reference(solution)
+    heading = _series(
+        go, solution, time, azimuth_deg, np.degrees(solution.azimuth_sd_rad), "azimuth, deg", wrap=True
+    )
+    if is_whole_circle:
+        heading.update_layout(yaxis={"range": [0, 360], "dtick": 90})
+    figures = [
+        ("Heading", heading),
+        (
+            "Elevation",
+            _series(
+                go,
+                solution,
+                time,
+                np.degrees(solution.elevation_rad),
+                np.degrees(solution.elevation_sd_rad),
+                "elevation, deg",
+            ),
+        ),
+        (
+            "Length",
+            _series(
+                go,
+                solution,
+                time,
+                1e3 * (solution.length_m - reference_m),
+                1e3 * solution.length_sd_m,
+                f"length less {reference_name}, mm",
+            ),
+        ),
+        ("Phase residuals by satellite", _residuals(go, solution, time)),
+        ("Sky", _sky(go, solution)),
+        ("Satellites and dilution of precision", _satellites_dop(go, solution, time)),
+    ]
+    parts = []
+    for k, (title, figure) in enumerate(figures):
+        figure.update_layout(
+            template="plotly_white",
+            margin={"l": 60, "r": 60, "t": 10, "b": 40},
+            legend={"orientation": "h", "y": 1.02, "yanchor": "bottom"},
+        )
+        body = figure.to_html(
+            full_html=False, include_plotlyjs=k == 0, config={"displaylogo": False, "responsive": True}
+        )
+        parts.append(f"<h2>{html.escape(title)}</h2>\n{body}")
+    return "\n".join(parts)
+
+
+def _series(go, solution, time, value, sd, label, *, wrap=False):
+    """A value over time by status, with the 3-sigma band of the accepted epochs."""
+    figure = go.Figure()
+    scatter = go.Scatter if solution.n_epochs <= _MAX_SVG_EPOCHS else go.Scattergl
+    accepted = solution.is_accepted & np.isfinite(value)
+    figure.add_traces(_band(go, solution.time_ns, time, value, sd, accepted))
+    shown = value % 360.0 if wrap else value
+    for status in (Status.FLOAT, Status.HELD, Status.FIXED):
+        rows = np.flatnonzero((solution.status == status) & np.isfinite(value))
+        if len(rows) == 0:
+            continue
+        sentences = [REASON_SENTENCES[Reason(int(code))] for code in solution.reason[rows]]
+        figure.add_trace(
+            scatter(
+                x=time[rows],
+                y=value[rows],
+                mode="markers",
+                marker={"size": 4, "color": STATUS_COLORS[status]},
+                name=f"{status.label} ({len(rows)})",
+                customdata=np.stack([shown[rows], sd[rows], np.array(sentences, dtype=object)], axis=1),
+                hovertemplate="%{x}<br>%{customdata[0]:.4f}, sd %{customdata[1]:.4f}<br>%{customdata[2]}",
+            )
+        )
+    absent = np.flatnonzero(solution.status == Status.NONE)
+    if len(absent):
+        figure.add_trace(
+            scatter(
+                x=time[absent],
+                y=np.full(len(absent), 0.02),
+                yaxis="y2",
+                mode="markers",
+                marker={"size": 6, "symbol": "line-ns-open", "color": STATUS_COLORS[Status.NONE]},
+                name=f"none ({len(absent)})",
+                text=[REASON_SENTENCES[Reason(int(code))] for code in solution.reason[absent]],
+                hovertemplate="%{x}<br>%{text}",
+            )
+        )
+        figure.update_layout(yaxis2={"overlaying": "y", "range": [0, 1], "visible": False})
+    if np.any(accepted):
+        # As in the static figure, the accepted epochs set the scale.
+        low = float(np.min((value - 3.0 * np.nan_to_num(sd))[accepted]))
+        high = float(np.max((value + 3.0 * np.nan_to_num(sd))[accepted]))
+        margin = max(0.15 * (high - low), 1e-3)
+        figure.update_layout(yaxis={"range": [low - margin, high + margin]})
+    figure.update_layout(height=330, yaxis_title=label, xaxis_title="GPS time")
+    return figure
+
+
+def _band(go, time_ns, time, value, sd, accepted):
+    """The 3-sigma band as closed outlines, one for each run of epochs without gap or jump."""
+    traces = []
+    red, green, blue = (int(STATUS_COLORS[Status.FIXED][k : k + 2], 16) for k in (1, 3, 5))
+    for piece in runs_of_epochs(time_ns, np.where(accepted, value, np.nan)):
+        upper, lower = value[piece] + 3.0 * sd[piece], value[piece] - 3.0 * sd[piece]
+        traces.append(
+            go.Scatter(
+                x=np.concatenate([time[piece], time[piece][::-1]]),
+                y=np.concatenate([upper, lower[::-1]]),
+                fill="toself",
+                mode="lines",
+                line={"width": 0},
+                fillcolor=f"rgba({red},{green},{blue},{BAND_ALPHA})",
+                hoverinfo="skip",
+                name="3 sigma of accepted",
+                legendgroup="band",
+                showlegend=not traces,
+            )
+        )
+    return traces
+
+
+def _residuals(go, solution, time):
+    """Phase residuals, one colour for each system, a legend entry for each satellite."""
+    figure = go.Figure()
+    drawn = thin_rows(len(solution.residual_sat), _MAX_POINTS)
+    sats = np.unique(solution.residual_sat)
+    for k, sat in enumerate(sats):
+        rows = drawn[solution.residual_sat[drawn] == sat]
+        name = sat_name(int(sat))
+        epochs = solution.residual_epoch[rows]
+        figure.add_trace(
+            go.Scattergl(
+                x=k - 0.4 + 0.8 * (epochs + 0.5) / solution.n_epochs,
+                y=1e3 * solution.residual_m[rows],
+                mode="markers",
+                marker={"size": 2.5, "color": SYSTEM_COLORS[name[0]]},
+                name=name,
+                customdata=np.stack(
+                    [
+                        np.datetime_as_string(time[epochs], unit="s").astype(object),
+                        np.array(
+                            [signal_name(int(code)) for code in solution.residual_signal[rows]], dtype=object
+                        ),
+                        np.degrees(solution.residual_elevation_rad[rows]).astype(object),
+                    ],
+                    axis=1,
+                ),
+                hovertemplate=name
+                + " %{customdata[1]}<br>%{customdata[0]}<br>%{y:.1f} mm at %{customdata[2]:.0f}° elevation",
+                showlegend=False,
+            )
+        )
+    figure.update_layout(
+        height=380,
+        yaxis_title="phase residual, mm",
+        xaxis={"tickvals": list(range(len(sats))), "ticktext": [sat_name(int(sat)) for sat in sats]},
+    )
+    return figure
+
+
+def _sky(go, solution):
+    """Where the satellites stood."""
+    figure = go.Figure()
+    for sat in np.unique(solution.residual_sat):
+        rows = np.flatnonzero(solution.residual_sat == sat)
+        rows = rows[thin_rows(len(rows), 200)]
+        name = sat_name(int(sat))
+        figure.add_trace(
+            go.Scatterpolar(
+                r=90.0 - np.degrees(solution.residual_elevation_rad[rows]),
+                theta=np.degrees(solution.residual_azimuth_rad[rows]) % 360.0,
+                mode="lines+markers+text",
+                text=[""] * (len(rows) - 1) + [name],
+                textposition="top right",
+                line={"color": SYSTEM_COLORS[name[0]], "width": 2},
+                marker={"size": [0] * (len(rows) - 1) + [8], "opacity": 1, "line": {"width": 0}},
+                name=f"{name} ({SYSTEM_NAMES[name[0]]})",
+                hovertemplate=name + "<br>azimuth %{theta:.1f}°, %{r:.1f}° from the zenith",
+                showlegend=False,
+            )
+        )
+    figure.update_layout(
+        height=520,
+        polar={
+            "angularaxis": {
+                "direction": "clockwise",
+                "rotation": 90,
+                "tickvals": [0, 90, 180, 270],
+                "ticktext": list("NESW"),
+            },
+            "radialaxis": {"range": [0, 90], "tickvals": [30, 60], "ticktext": ["60°", "30°"]},
+        },
+    )
+    return figure
+
+
+def _satellites_dop(go, solution, time):
+    """Satellites used and dilutions over time."""
+    figure = go.Figure()
+    figure.add_trace(
+        go.Scatter(
+            x=time,
+            y=solution.n_sats,
+            mode="lines",
+            line={"shape": "hvh", "color": "#000000"},
+            name="satellites used",
+        )
+    )
+    for name, label, color in (
+        ("pdop", "position DOP", "#D55E00"),
+        ("azimuth_dop", "azimuth DOP", "#0072B2"),
+        ("elevation_dop", "elevation DOP", "#009E73"),
+    ):
+        figure.add_trace(
+            go.Scatter(
+                x=time,
+                y=getattr(solution, name),
+                yaxis="y2",
+                mode="lines",
+                line={"color": color, "width": 1.5},
+                name=label,
+            )
+        )
+    figure.update_layout(
+        height=330,
+        yaxis={"title": "satellites used", "rangemode": "tozero"},
+        yaxis2={
+            "title": "dilution of precision",
+            "overlaying": "y",
+            "side": "right",
+            "rangemode": "tozero",
+            "showgrid": False,
+        },
+        xaxis_title="GPS time",
+    )
+    return figure
+
+
+def _provenance(solution, summary):
+    """Version, inputs, settings, running time."""
+    import json
+
+    seconds = ", ".join(f"{name} {value:.2f} s" for name, value in summary["seconds"].items())
+    rows = [("Program", f"TrueNorth {summary['version']}", ""), ("Running time", seconds, "")]
+    settings = json.dumps(solution.settings, indent=2, default=str)
+    inputs = json.dumps(summary["inputs"], indent=2)
+    return (
+        f"<h2>Provenance</h2>\n{_table(rows)}\n"
+        f"<h2>Inputs</h2>\n<pre>{html.escape(inputs)}</pre>\n"
+        f"<h2>Settings</h2>\n<pre>{html.escape(settings)}</pre>"
+    )
+
+
+def _table(rows):
+    lines = [
+        f'<tr><th>{html.escape(name)}</th><td class="{style}">{html.escape(text)}</td></tr>'
+        for name, text, style in rows
+    ]
+    return "<table>\n" + "\n".join(lines) + "\n</table>"
+
+
+def _quantity(entry, unit, digits):
+    if entry["mean"] is None:
+        return "none"
+    stated = "" if entry["stated_sd"] is None else f", stated {entry['stated_sd']:.{digits}f}{unit}"
+    return f"{entry['mean']:.{digits}f}{unit}, scatter {entry['sd']:.{digits}f}{unit}{stated}"
