@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -12,23 +12,31 @@ __all__ = ["kernels_are_compiled", "working"]
 
 
 @contextmanager
-def working(text: str) -> Iterator[None]:
+def working(text: str) -> Iterator[Callable[[int, int], None] | None]:
     """Show on a terminal that something is being done; announce the first compilation.
 
     Parameters
     ----------
     text : str
         What is being done.
+
+    Yields
+    ------
+    callable or None
+        To be called with (steps done, steps in all); None where nobody watches.
     """
     if not sys.stderr.isatty():
-        yield
+        yield None
         return
     from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
     if not kernels_are_compiled():
         text += " (first run: compiling, about half a minute, once)"
-    with Console(stderr=True).status(text):
-        yield
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(text, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 def kernels_are_compiled() -> bool:

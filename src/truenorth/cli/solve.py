@@ -143,11 +143,14 @@ def run_session(
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", TrueNorthWarning)
-        with working("solving"):
+        with working("solving") as progress:
             from ..attitude import solve_baseline
 
             solution = solve_baseline(
-                *session.observation_paths, list(session.gnss.navigation), settings=session.settings
+                *session.observation_paths,
+                list(session.gnss.navigation),
+                settings=session.settings,
+                progress=progress,
             )
     said = [str(warning.message) for warning in caught if issubclass(warning.category, TrueNorthWarning)]
 
