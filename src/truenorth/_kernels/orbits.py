@@ -30,7 +30,7 @@ _TIE_NS = 60_000_000_000
 _GLO_GM = 398_600.4418e9
 _GLO_RE = 6_378_136.0
 _GLO_J2 = 1_082_625.75e-9
-_GLO_OMEGA = 7.292115e-5
+_GLO_OMEGA = 7.292115e-5  # also the nominal rate of IERS Conventions 2010, for tables
 _GLO_STEP_S = 60.0
 
 # Only a caller's own choice of ephemerides can be this far off; it bounds the integration.
@@ -251,3 +251,92 @@ def propagate_orbits(
             for j in range(3):
                 position[k, j] = np.nan
                 velocity[k, j] = np.nan
+
+
+@kernel
+def interpolate_orbits(
+    column, time_ns, delay_s, is_reception, epoch_ns, longest_gap_ns, n_nodes, nodes, node_clock,
+    position, velocity, clock, drift, status,
+):  # fmt: skip
+    """Positions between the epochs of a table by Neville's polynomial through ``n_nodes``; linear clocks.
+
+    The nodes are first turned with the Earth to the instant asked for, where the curve is smooth.
+    """
+    n_epochs = epoch_ns.shape[0]
+    p = np.zeros((n_nodes, 3))
+    v = np.zeros((n_nodes, 3))
+    for k in range(column.shape[0]):
+        c = column[k]
+        if c < 0:
+            status[k] = NO_EPHEMERIS
+            continue
+        status[k] = TOO_OLD
+        delay = delay_s[k]
+        after = np.int64(0)
+        bias = 0.0
+        rate = 0.0
+        # The clock decides when the signal left; it changes by less than 1e-15 s over its own size.
+        for _ in range(2 if is_reception else 1):
+            t_ns = time_ns[k] - np.int64(round((delay + bias) * 1e9))
+            low, high = np.int64(0), np.int64(n_epochs)
+            while low < high:
+                middle = (low + high) // 2
+                if epoch_ns[middle] <= t_ns:
+                    low = middle + 1
+                else:
+                    high = middle
+            after = low
+            if t_ns == epoch_ns[n_epochs - 1]:
+                after = n_epochs - 1
+            if after < 1 or after >= n_epochs:
+                break
+            rest = (float(time_ns[k] - epoch_ns[after - 1]) * 1e-9 - delay) - bias
+            step = float(epoch_ns[after] - epoch_ns[after - 1]) * 1e-9
+            rate = (node_clock[after, c] - node_clock[after - 1, c]) / step
+            bias = node_clock[after - 1, c] + rate * rest
+        if after < 1 or after >= n_epochs or n_epochs < n_nodes:
+            continue
+        if not math.isfinite(bias):
+            status[k] = NOT_COMPUTABLE
+            continue
+        if is_reception:
+            delay += bias
+        start = min(max(after - (n_nodes + 1) // 2, 0), n_epochs - n_nodes)
+        usable = True
+        for j in range(n_nodes):
+            e = start + j
+            usable = usable and math.isfinite(nodes[e, c, 0])
+            usable = usable and (j == 0 or epoch_ns[e] - epoch_ns[e - 1] <= longest_gap_ns)
+        if not usable:
+            continue
+        for j in range(n_nodes):
+            e = start + j
+            angle = -_GLO_OMEGA * (float(epoch_ns[e] - time_ns[k]) * 1e-9 + delay)
+            sa, ca = math.sin(angle), math.cos(angle)
+            p[j, 0] = nodes[e, c, 0] * ca + nodes[e, c, 1] * sa
+            p[j, 1] = nodes[e, c, 1] * ca - nodes[e, c, 0] * sa
+            p[j, 2] = nodes[e, c, 2]
+            for i in range(3):
+                v[j, i] = 0.0
+        for width in range(1, n_nodes):
+            for j in range(n_nodes - width):
+                first = float(epoch_ns[start + j] - time_ns[k]) * 1e-9 + delay
+                last = float(epoch_ns[start + j + width] - time_ns[k]) * 1e-9 + delay
+                inverse = 1.0 / (last - first)
+                for i in range(3):
+                    v[j, i] = (last * v[j, i] - first * v[j + 1, i] + p[j + 1, i] - p[j, i]) * inverse
+                    p[j, i] = (last * p[j, i] - first * p[j + 1, i]) * inverse
+        for i in range(3):
+            position[k, i] = p[0, i]
+        velocity[k, 0] = v[0, 0] + _GLO_OMEGA * p[0, 1]
+        velocity[k, 1] = v[0, 1] - _GLO_OMEGA * p[0, 0]
+        velocity[k, 2] = v[0, 2]
+        # Tables leave the periodic relativistic term out: -2 r.v / c^2.
+        radial = p[0, 0] * v[0, 0] + p[0, 1] * v[0, 1] + p[0, 2] * v[0, 2]
+        relativity = -2.0 * radial / (_C * _C)
+        if is_reception:
+            for i in range(3):
+                position[k, i] -= relativity * velocity[k, i]
+        clock[k] = bias + relativity
+        drift[k] = rate
+        status[k] = OK

@@ -10,6 +10,7 @@ _PUBLIC = {
     "compute_transmission_states": "transmission",
     "group_delay_s": "group_delay",
     "health_ok": "selection",
+    "interpolate_precise": "precise",
     "select_ephemerides": "selection",
 }
 """Public name and the module that holds it; loaded on first use."""

@@ -11,11 +11,12 @@ without the group delay of any one signal, which `group_delay_s` gives; for GLON
 term is part of the broadcast clock. Positions are in the Earth-fixed frame of the instant asked for.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .selection import ephemeris_table, select_ephemerides
+from .precise import interpolate_precise
+from .selection import OrbitStatus, ephemeris_table, select_ephemerides
 
 __all__ = ["SatelliteStates", "compute_satellite_states"]
 
@@ -99,6 +100,7 @@ def _states(navigation, sat, time_ns, delay_s, is_reception, ephemeris, precise,
     n = len(sat)
     time_ns = np.array(np.broadcast_to(np.asarray(time_ns, dtype=np.int64), sat.shape))
     if ephemeris is None:
+        # With precise orbits the broadcast still tells the health, and nothing else.
         index, status = select_ephemerides(navigation, sat, time_ns, include_unhealthy=include_unhealthy)
     else:
         index = np.array(ephemeris, dtype=np.int64, order="C", ndmin=1)
@@ -106,9 +108,9 @@ def _states(navigation, sat, time_ns, delay_s, is_reception, ephemeris, precise,
             raise ValueError(
                 "`ephemeris` does not fit `sat` and the navigation data; use `select_ephemerides`"
             )
-        status = np.where(index < 0, 1, 0).astype(np.uint8)
+        status = np.where(index < 0, OrbitStatus.NO_EPHEMERIS, OrbitStatus.OK).astype(np.uint8)
         if not include_unhealthy and len(table.kind):
-            status[(index >= 0) & (table.healthy[index] == 0)] = 3
+            status[(index >= 0) & (table.healthy[index] == 0)] = OrbitStatus.UNHEALTHY
     states = SatelliteStates(
         position_ecef_m=np.full((n, 3), np.nan),
         velocity_ecef_mps=np.full((n, 3), np.nan),
@@ -121,6 +123,19 @@ def _states(navigation, sat, time_ns, delay_s, is_reception, ephemeris, precise,
         status=status,
         ura_m=np.where(index >= 0, table.ura_m[index], np.nan) if len(table.kind) else np.full(n, np.nan),
     )
+    if precise is not None:
+        computed = interpolate_precise(precise, sat, time_ns, delay_s=delay_s, is_reception=is_reception)
+        refused = status == OrbitStatus.UNHEALTHY
+        columns = [np.where(_like(refused, column), np.nan, column) for column in computed[:4]]
+        return replace(
+            states,
+            position_ecef_m=columns[0],
+            velocity_ecef_mps=columns[1],
+            clock_s=columns[2],
+            clock_drift_sps=columns[3],
+            status=np.where(refused, status, computed[4]),
+            ura_m=_table_accuracy(precise, sat),
+        )
     propagate_orbits(
         index,
         time_ns,
@@ -140,3 +155,14 @@ def _states(navigation, sat, time_ns, delay_s, is_reception, ephemeris, precise,
         states.status,
     )
     return states
+
+
+def _like(mask, column):
+    return mask[:, None] if column.ndim == 2 else mask
+
+
+def _table_accuracy(precise, sat):
+    if precise.n_sats == 0:
+        return np.full(len(sat), np.nan)
+    place = np.minimum(np.searchsorted(precise.sat, sat), precise.n_sats - 1)
+    return np.where(precise.sat[place] == sat, precise.sd_m[place], np.nan)

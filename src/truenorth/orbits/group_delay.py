@@ -11,8 +11,8 @@ With ``gamma = (f1 / f)^2``:
   20.3.3.3.3.2; the inter-signal corrections of CNAV, below 1 m, are not applied).
 - Galileo: I/NAV clock of E1/E5b, F/NAV clock of E1/E5a; BGD at E1 and gamma BGD at the partner;
   the third frequency by the other BGD (OS-SIS-ICD 2.1, 5.1.5).
-- BeiDou: clock of B3I; TGD1 at B1I, TGD2 at B2I; CNV1/CNV2 give B1C and B2a, CNV3 B2b (ICD B1I 3.0
-  5.2.4.10, B1C 1.0 7.6.2, B2b 1.0 7.6).
+- BeiDou: clock of B3I, no delay there; TGD1 at B1I, TGD2 at B2I; CNV1 and CNV2 give B1C and B2a, CNV3
+  B2b (ICD B1I 3.0 5.2.4.10, B1C 1.0 7.6.2, B2b 1.0 7.6).
 - NavIC: clock of L5/S; TGD at S, gamma TGD at L5 (ICD 1.1, 6.2.1.5).
 - GLONASS: clock of L1; delta tau is L2 minus L1 (ICD 5.1, table 4.5).
 """
@@ -77,8 +77,11 @@ def group_delay_s(navigation, ephemeris_index, sat, signal):
     value = np.where(
         system == GALILEO, _galileo(message, band, gamma(FREQUENCY_HZ[GALILEO, 1]), tgd, tgd2), value
     )
-    for k in np.flatnonzero(system == BEIDOU):
-        value[k] = _beidou(kepler, int(index[k]), int(band[k]))
+    beidou = system == BEIDOU
+    if np.any(beidou):
+        # Rows are many, pairs of ephemeris and band few.
+        pairs, place = np.unique(10 * index[beidou] + band[beidou], return_inverse=True)
+        value[beidou] = np.array([_beidou(kepler, int(pair // 10), int(pair % 10)) for pair in pairs])[place]
     delay[rows] = value
     return delay
 
