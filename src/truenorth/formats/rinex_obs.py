@@ -31,6 +31,7 @@ References: W. Gurtner and L. Estey, RINEX 2.11, 2007, and 2.12, 2009; IGS/RTCM,
 4.02, 2024.
 """
 
+import sys
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -489,9 +490,14 @@ _ROW_COLUMNS = {
 
 def _read_body(data, body_at, header, path):
     """Run the kernel over the body, from event record to event record."""
+    import numba
+
     from .._kernels import rinex_obs as body
 
     text = np.frombuffer(data, dtype=np.uint8)
+    # The 64-bit integer at every byte, without a copy. Without the JIT its wrap-around would warn.
+    words = np.ndarray((len(data) - 7,), dtype="<u8", buffer=data, strides=(1,))
+    swift = not numba.config.DISABLE_JIT and sys.byteorder == "little"
     state = np.zeros(body.STATE_SIZE, dtype=np.int64)
     state[body.POSITION] = body_at
     state[[body.BAD_FIELD_AT, body.BAD_LINE_AT, body.SHORT_EPOCH_AT]] = -1
@@ -507,7 +513,7 @@ def _read_body(data, body_at, header, path):
     while True:
         lines_per_sat, *columns = tables
         body.parse_body(
-            text, state, header.old, header.version >= 4.01, blank_system, _LETTERS, lines_per_sat,
+            text, words, swift, state, header.old, header.version >= 4.01, blank_system, _LETTERS, lines_per_sat,
             *columns, *epochs.values(), *rows.values(),
         )  # fmt: skip
         if state[body.OUTCOME] == body.EVENT:
