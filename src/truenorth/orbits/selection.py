@@ -21,7 +21,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from ..constants import BEIDOU, GALILEO, GLONASS, QZSS, SBAS, SYSTEMS
+from ..constants import BEIDOU, GALILEO, GLONASS, GPS, QZSS, SBAS, SYSTEMS
 from ..navigation import KEPLER_COLUMNS, MessageType
 from ..timescales import BDT_OFFSET_NS, NS_PER_S, NS_PER_WEEK
 
@@ -85,7 +85,9 @@ _GM[[GALILEO, BEIDOU]] = 3.986004418e14
 _OMEGA_E = np.full(len(SYSTEMS), 7.292_115_146_7e-5)
 _OMEGA_E[[BEIDOU, GLONASS]] = 7.292115e-5
 
-_QZSS_SIGNAL_MASK = 0b101110
+_QZSS_LNAV_BITS = 0b101110
+_CNAV_BITS = 0b110
+_SBAS_RANGING_BIT = 1
 _BOUNDARY_NS = 630_000_000
 
 N_SAT_CODES = 100 * len(SYSTEMS)
@@ -129,16 +131,20 @@ def health_ok(sat, message, health):
     Returns
     -------
     ndarray of bool, shape (n,)
-        GPS, Galileo, BeiDou, GLONASS, NavIC: the word is zero. QZSS LNAV: the summary bit and the bits
-        of L2C, L5 and L1C are zero; those of L1C/A and L1C/B are not looked at, because a satellite
-        sends one of the two and marks the other (IS-QZSS-PNT-005 section 4.1.2.3). SBAS: the ranging
-        bit is zero.
+        The word is zero, except: of GPS and QZSS CNAV only the bits of L1 and L2 count, because L5 has
+        been sent as "unhealthy" since it began (IS-GPS-200N 30.3.3.1.1.2); of QZSS LNAV the summary
+        bit and the bits of L2C, L5 and L1C, not those of L1C/A and L1C/B, because a satellite sends one
+        of the two and marks the other (IS-QZSS-PNT-005 section 4.1.2.3); of SBAS the ranging bit.
     """
     system = np.asarray(sat) // 100
     health = np.asarray(health)
-    masked = np.where((system == QZSS) & (np.asarray(message) == MessageType.LNAV), _QZSS_SIGNAL_MASK, -1)
-    masked = np.where(system == SBAS, 1, masked)
-    return (health & masked) == 0
+    message = np.asarray(message)
+    counted = np.where((system == QZSS) & (message == MessageType.LNAV), _QZSS_LNAV_BITS, -1)
+    counted = np.where(
+        ((system == GPS) | (system == QZSS)) & (message == MessageType.CNAV), _CNAV_BITS, counted
+    )
+    counted = np.where(system == SBAS, _SBAS_RANGING_BIT, counted)
+    return (health & counted) == 0
 
 
 _last_table = (None, None)
