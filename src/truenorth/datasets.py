@@ -2,8 +2,9 @@
 
 Each set is somebody else's measurement in a public repository, named with its commit, licence and
 SHA-256 in ``datasets.toml``. `fetch` takes the files from the folder named by the environment variable
-``TRUENORTH_DATA`` where it is set, and otherwise downloads them once into a cache. Either way the
-content is checked against its hash before it is handed out.
+``TRUENORTH_DATA``, or from ``../shared/data`` where a checkout has it beside itself, and otherwise
+downloads them once into a cache. Either way the content is checked against its hash before it is
+handed out.
 
     pair = truenorth.datasets.fetch("pair_1m_geodetic")
     solution = truenorth.solve_baseline(pair.files["base"], pair.files["rover"], pair.navigation)
@@ -25,6 +26,7 @@ from .errors import ConfigError, TrueNorthError
 
 __all__ = [
     "DATA_VARIABLE",
+    "NEARBY",
     "Dataset",
     "DatasetError",
     "DatasetFile",
@@ -37,6 +39,9 @@ __all__ = [
 
 DATA_VARIABLE = "TRUENORTH_DATA"
 """Environment variable that names the folder of the data sets."""
+
+NEARBY = Path("..") / "shared" / "data"
+"""Folder of the data sets beside a checkout, seen from the checkout; used where it has the set."""
 
 _GITHUB = "https://github.com"
 _CHUNK = 1 << 20
@@ -255,7 +260,8 @@ def fetch(
         One of `names`.
     folder : path, optional
         Folder that holds the data sets, one folder each. The default is the one that the environment
-        variable ``TRUENORTH_DATA`` names; without it the files are downloaded.
+        variable ``TRUENORTH_DATA`` names, then `NEARBY` where it has the set; without either the files
+        are downloaded.
     cache : path, optional
         Where downloads are kept; by default the user's cache folder of the system.
     site : str, optional
@@ -281,6 +287,8 @@ def fetch(
     """
     wanted = info(name)
     source = folder if folder is not None else os.environ.get(DATA_VARIABLE) or None
+    if source is None and (NEARBY / name).is_dir():
+        source = NEARBY.resolve()
     if source is not None:
         return Dataset(wanted, {file.role: _local(wanted, file, Path(source)) for file in wanted.files})
     target = _cache_folder(cache) / name

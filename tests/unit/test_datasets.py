@@ -32,7 +32,7 @@ def _file(role, local, path, content, **changes):
 
 
 @pytest.fixture
-def small_set(monkeypatch):
+def small_set(monkeypatch, tmp_path):
     """Make a set of three files known: one plain upstream, one compressed upstream, one derived."""
     made = datasets.DatasetInfo(
         name="small",
@@ -48,6 +48,8 @@ def small_set(monkeypatch):
     )
     monkeypatch.setattr(datasets, "_table", lambda: {"small": made})
     monkeypatch.delenv(datasets.DATA_VARIABLE, raising=False)
+    # Away from any checkout, which could have data beside it.
+    monkeypatch.chdir(tmp_path)
     return made
 
 
@@ -168,6 +170,16 @@ def test_the_named_folder_is_used_before_any_network(small_folder, monkeypatch):
     assert got.truth == {"length_m": 1.0}
     assert "MIT" in str(got)
     assert str(got.files["base"]) in got.describe()
+
+
+def test_a_folder_beside_the_checkout_is_found(small_folder, tmp_path, monkeypatch):
+    checkout = tmp_path / "checkout"
+    checkout.mkdir()
+    (tmp_path / "shared").mkdir()
+    small_folder.rename(tmp_path / "shared" / "data")
+    monkeypatch.chdir(checkout)
+    got = datasets.fetch("small", site="http://127.0.0.1:9")
+    assert got.files["base"] == (tmp_path / "shared" / "data" / "small" / "base.obs.gz").resolve()
 
 
 @pytest.mark.parametrize(

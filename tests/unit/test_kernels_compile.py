@@ -1,0 +1,71 @@
+"""Compile time is a budget: every kernel is used, and none is compiled for more than one set of types.
+
+Writable, read-only and strided arrays, or an integer where a float is meant, would each make Numba
+compile the same kernel again. A small solution by every method, with an empty cache of compiled
+code, shows it; how long it takes is measured in `benchmarks/compile_time.py`.
+"""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+_SOLVE_BY_EVERY_METHOD = """
+import importlib, json, pkgutil, sys
+import truenorth as tn
+from truenorth import _kernels
+from truenorth.config import METHODS
+
+pair = tn.datasets.fetch("pair_1m_geodetic")
+navigation = tn.read_navigation(*pair.navigation)
+base, rover = (tn.read_observations(pair.files[role]).select_epochs(slice(0, 4)) for role in ("base", "rover"))
+for method in METHODS:
+    for single_epoch in (True, False):
+        tn.solve_baseline(
+            base, rover, navigation, length_m=0.990, length_sd_m=0.003,
+            method=method, single_epoch=single_epoch, systems="GR", bands=("L1",),
+        )
+found = {}
+for info in pkgutil.iter_modules(_kernels.__path__):
+    module = importlib.import_module(f"truenorth._kernels.{info.name}")
+    for name, value in vars(module).items():
+        if hasattr(value, "py_func") and value.py_func.__module__ == module.__name__:
+            found[f"{info.name}.{name}"] = [str(signature) for signature in value.signatures]
+print(json.dumps(found))
+"""
+
+# Kernels that a solution from RINEX by these methods has no use for, with the reason.
+UNUSED = {}
+
+
+@pytest.mark.jit
+def test_every_kernel_is_compiled_once(data_dir, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", _SOLVE_BY_EVERY_METHOD],
+        env={**os.environ, "TRUENORTH_DATA": str(data_dir), "NUMBA_CACHE_DIR": str(tmp_path)},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert found
+    again = {name: signatures for name, signatures in found.items() if len(signatures) > 1}
+    assert not again, again
+    unused = {name for name, signatures in found.items() if not signatures}
+    assert unused == set(UNUSED), "a kernel that nothing uses is dead code; name it in UNUSED with its reason"
+
+
+def test_every_kernel_uses_the_one_decorator():
+    import ast
+    from pathlib import Path
+
+    from truenorth import _kernels
+
+    for path in Path(_kernels.__file__).parent.glob("*.py"):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.FunctionDef):
+                decorators = [ast.unparse(decorator) for decorator in node.decorator_list]
+                assert decorators == ["kernel"], (
+                    f"{path.name}: {node.name} is not decorated with `kernel` alone"
+                )
