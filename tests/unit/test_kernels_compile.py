@@ -20,7 +20,9 @@ from truenorth.config import METHODS
 
 pair = tn.datasets.fetch("pair_1m_geodetic")
 navigation = tn.read_navigation(*pair.navigation)
-base, rover = (tn.read_observations(pair.files[role]).select_epochs(slice(0, 4)) for role in ("base", "rover"))
+base, rover = (
+    tn.read_observations(pair.files[role]).select_epochs(slice(0, 4)) for role in ("base", "rover")
+)
 for method in METHODS:
     for single_epoch in (True, False):
         tn.solve_baseline(
