@@ -11,7 +11,7 @@ from typing import Any
 
 from ..errors import FormatError
 
-__all__ = ["FORMATS", "Format", "read", "read_navigation", "read_observations", "sniff", "sniff_bytes"]
+__all__ = ["FORMATS", "Format", "identify", "read", "read_navigation", "read_observations", "sniff", "sniff_bytes"]
 
 _LOOK_AT = 4096
 
@@ -31,7 +31,7 @@ class Format:
     recognise : callable
         Takes the first bytes of the content, tells whether they are of this format.
     read : callable
-        Takes the path, returns what the file holds.
+        Takes the unpacked content and, for messages, the path; returns what the file holds.
     """
 
     name: str
@@ -79,28 +79,28 @@ def _is_ubx(head):
     return False
 
 
-def _read_rinex_obs(path):
-    from .rinex_obs import read_rinex_obs
+def _read_rinex_obs(data, path):
+    from .rinex_obs import parse_rinex_obs
 
-    return read_rinex_obs(path)
-
-
-def _read_rinex_nav(path):
-    from .rinex_nav import read_rinex_nav
-
-    return read_rinex_nav(path)
+    return parse_rinex_obs(data, path=path)
 
 
-def _read_sp3(path):
-    from .sp3 import read_sp3
+def _read_rinex_nav(data, path):
+    from .rinex_nav import parse_rinex_nav
 
-    return read_sp3(path)
+    return parse_rinex_nav(data, path=path)
 
 
-def _read_ubx(path):
-    from .ubx import read_ubx
+def _read_sp3(data, path):
+    from .sp3 import parse_sp3
 
-    return read_ubx(path)
+    return parse_sp3(data, path=path)
+
+
+def _read_ubx(data, path):
+    from .ubx import parse_ubx
+
+    return parse_ubx(data, path=path)
 
 
 FORMATS = (
@@ -131,13 +131,32 @@ def sniff_bytes(head):
     return None
 
 
-def _identify(path):
+def identify(path):
+    """Unpack a file and tell its format.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        The file, packed or not.
+
+    Returns
+    -------
+    form : Format
+        Its format.
+    data : bytes
+        Its unpacked content.
+
+    Raises
+    ------
+    FormatError
+        If the file cannot be opened or unpacked, or no format recognises it.
+    """
     from .compression import read_bytes
 
     data = read_bytes(path)
     form = sniff_bytes(data)
-    if form is None:
-        form = FORMATS[3] if _is_ubx(data[: 64 * _LOOK_AT]) else None
+    if form is None and _is_ubx(data[: 64 * _LOOK_AT]):  # other messages may come before the first frame
+        form = next(f for f in FORMATS if f.name == "ubx")
     if form is None:
         raise FormatError(_not_recognised(data), path=path, line_number=1 if _is_text(data) else None)
     return form, data
@@ -177,7 +196,7 @@ def sniff(path):
     FormatError
         If the file cannot be opened or unpacked, or its content is none of these.
     """
-    return _identify(path)[0].name
+    return identify(path)[0].name
 
 
 def read(path):
@@ -204,7 +223,8 @@ def read(path):
     >>> import truenorth as tn
     >>> observations = tn.read("rover.obs.gz")  # doctest: +SKIP
     """
-    return _identify(path)[0].read(path)
+    form, data = identify(path)
+    return form.read(data, str(path))
 
 
 def read_observations(path):
@@ -224,13 +244,11 @@ def read_observations(path):
     FormatError
         If the file cannot be read or holds no observations.
     """
-    form, data = _identify(path)
-    if form.name == "rinex_obs":
-        from .rinex_obs import parse_rinex_obs
-
-        return parse_rinex_obs(data, path=path)
-    if form.name == "ubx":
-        return form.read(path)[0]
+    form, data = identify(path)
+    if form.holds == "observations":
+        return form.read(data, str(path))
+    if form.holds == "both":
+        return form.read(data, str(path))[0]
     advice = "give it as navigation, and" if form.holds == "navigation" else "give"
     raise FormatError(
         f"this is {form.title} and observations are expected; {advice} a RINEX observation file or UBX "
@@ -261,11 +279,11 @@ def read_navigation(*paths):
         raise FormatError("no navigation file was given; give at least one RINEX navigation file or UBX log")
     parts = []
     for path in paths:
-        form, _ = _identify(path)
-        if form.name == "rinex_nav":
-            parts.append(form.read(path))
-        elif form.name == "ubx":
-            parts.append(form.read(path)[1])
+        form, data = identify(path)
+        if form.holds == "navigation":
+            parts.append(form.read(data, str(path)))
+        elif form.holds == "both":
+            parts.append(form.read(data, str(path))[1])
         else:
             advice = "give it as observations, and" if form.holds == "observations" else "give"
             raise FormatError(
@@ -276,6 +294,6 @@ def read_navigation(*paths):
             )
     if len(parts) == 1:
         return parts[0]
-    from .rinex_nav import merge_navigation
+    from ..navigation import merge_navigation
 
-    return merge_navigation(parts)
+    return merge_navigation(*parts)
