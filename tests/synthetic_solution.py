@@ -96,7 +96,13 @@ def make_solution(n_epochs=120, *, azimuth_deg=350.0, rate_deg=0.25, length_m=0.
         "warnings": ("no GLONASS channel for R07",),
         "events": (
             EpochEvent(
-                gpst_from_calendar(2024, 6, 24, 8, 20, 3), "slip", "G05", "1C", 1.2, 0.1, "phase jumped by 1.2 cycles"
+                gpst_from_calendar(2024, 6, 24, 8, 20, 3),
+                "slip",
+                "G05",
+                "1C",
+                1.2,
+                0.1,
+                "phase jumped by 1.2 cycles",
             ),
         ),
         "seconds": {"read": 0.1, "compile": 0.0, "solve": 0.2},

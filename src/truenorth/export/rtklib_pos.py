@@ -55,7 +55,7 @@ def pos_text(solution):
     stamps = np.datetime_as_string(gpst_to_datetime64(solution.time_ns[keep]), unit="ms")
     quality = np.where(solution.status[keep] == Status.FLOAT, 2, 1)
     rows = zip(
-        np.char.replace(np.char.replace(stamps, "-", "/"), "T", " ").tolist(),
+        (stamp.replace("-", "/").replace("T", " ") for stamp in stamps.tolist()),
         *solution.baseline_enu_m[keep].T.tolist(),
         quality.tolist(),
         solution.n_sats[keep].tolist(),

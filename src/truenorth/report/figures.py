@@ -354,10 +354,13 @@ def _limit_dop(ax, solution):
 def _time_axis(ax, solution):
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
-    locator = AutoDateLocator(maxticks=8)
+    locator = AutoDateLocator(minticks=3, maxticks=8)
     ax.xaxis.set_major_locator(locator)
     ax.xaxis.set_major_formatter(ConciseDateFormatter(locator, show_offset=False))
     if solution.n_epochs:
+        first, last = gpst_to_datetime64(solution.time_ns[[0, -1]])
+        margin = max((last - first) // 40, np.timedelta64(500, "ms"))
+        ax.set_xlim(first - margin, last + margin)
         ax.set_xlabel(f"GPS time, {format_gpst(solution.time_ns[0], decimals=0)[:10]}", fontsize="small")
 
 

@@ -112,6 +112,8 @@ def _figures(solution):
     )
     if is_whole_circle:
         heading.update_layout(yaxis={"range": [0, 360], "dtick": 90})
+    else:
+        _label_across_north(heading)
     figures = [
         ("Heading", heading),
         (
@@ -144,7 +146,7 @@ def _figures(solution):
     for k, (title, figure) in enumerate(figures):
         figure.update_layout(
             template="plotly_white",
-            margin={"l": 60, "r": 60, "t": 10, "b": 40},
+            margin={"l": 60, "r": 60, "t": 30, "b": 40},
             legend={"orientation": "h", "y": 1.02, "yanchor": "bottom"},
         )
         body = figure.to_html(
@@ -200,6 +202,19 @@ def _series(go, solution, time, value, sd, label, *, wrap=False):
         figure.update_layout(yaxis={"range": [low - margin, high + margin]})
     figure.update_layout(height=330, yaxis_title=label, xaxis_title="GPS time")
     return figure
+
+
+def _label_across_north(figure):
+    """Label an azimuth axis that runs below 0 or above 360 by the azimuths themselves."""
+    if figure.layout.yaxis.range is None:
+        return
+    low, high = figure.layout.yaxis.range
+    if low >= 0.0 and high <= 360.0:
+        return
+    decade = 10.0 ** np.floor(np.log10(high - low))
+    step = next(decade * part for part in (0.1, 0.2, 0.5, 1.0, 2.0) if (high - low) / (decade * part) <= 7.0)
+    ticks = step * np.arange(np.ceil(low / step), np.floor(high / step) + 1.0)
+    figure.update_layout(yaxis={"tickvals": ticks, "ticktext": [f"{tick % 360.0:g}" for tick in ticks]})
 
 
 def _band(go, time_ns, time, value, sd, accepted):
@@ -286,7 +301,7 @@ def _sky(go, solution):
             )
         )
     figure.update_layout(
-        height=520,
+        height=540,
         polar={
             "angularaxis": {
                 "direction": "clockwise",
@@ -336,6 +351,7 @@ def _satellites_dop(go, solution, time):
             "side": "right",
             "rangemode": "tozero",
             "showgrid": False,
+            "tickformat": ".2~f",
         },
         xaxis_title="GPS time",
     )
