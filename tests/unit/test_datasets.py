@@ -185,12 +185,13 @@ def test_a_folder_beside_the_checkout_is_found(small_folder, tmp_path, monkeypat
 @pytest.mark.parametrize(
     ("local", "content", "said"),
     [
-        ("base.obs.gz", gzip.compress(PLAIN + b"x"), "is published; get it anew"),
-        ("base.obs.gz", gzip.compress(PLAIN)[:-9], "cannot be read"),
+        ("base.obs.gz", gzip.compress(PLAIN + b"x", mtime=0), "is published; get it anew"),
+        ("base.obs.gz", gzip.compress(PLAIN, mtime=0)[:-9], "cannot be read"),
         ("base.obs.gz", b"not gzip at all", "cannot be read"),
         ("log.ubx.gz", PACKED[:-1], "is published; get it anew"),
         ("made.obs", None, "it is not there"),
     ],
+    ids=["other content", "cut short", "not gzip", "a byte less", "absent"],
 )
 def test_a_folder_with_other_content_is_refused(small_folder, local, content, said):
     path = small_folder / "small" / local
