@@ -224,13 +224,17 @@ def propagate_orbits(
                 node_step[e] = 0
                 for j in range(6):
                     node[e, j] = el[j]
-            sign = 1 if wanted > node_step[e] else -1
-            while node_step[e] != wanted:
-                _glonass_step(sign * _GLO_STEP_S, node[e], el[6:9], rate, work)
-                node_step[e] += sign
+            n_whole = abs(wanted - node_step[e])
             for j in range(6):
                 out[j] = node[e, j]
-            _glonass_step(tk - wanted * _GLO_STEP_S, out, el[6:9], rate, work)
+            for n in range(n_whole + 1):
+                h = math.copysign(_GLO_STEP_S, tk)
+                if n == n_whole:
+                    h = tk - wanted * _GLO_STEP_S
+                    node_step[e] = wanted
+                    for j in range(6):
+                        node[e, j] = out[j]
+                _glonass_step(h, out, el[6:9], rate, work)
         else:
             for j in range(3):
                 out[j] = el[j] + (el[j + 3] + 0.5 * el[j + 6] * tk) * tk
