@@ -443,6 +443,8 @@ class BroadcastDecoder:
         start_s = (extract({0: frames[1]}, _LNAV_TOW, LNAV_BITS) - 6.0) % 604_800.0
         week = _full_week(value["week"], 1024, near_ns)
         sent_ns = week * NS_PER_WEEK + round((start_s + 6.0) * NS_PER_S)
+        if value["tgd_s"] == -128 * 2.0**-31:  # not available: IS-GPS-200N 20.3.3.3.3.2
+            value["tgd_s"] = 0.0
         value["ura_m"] = _ura_m(value["ura_index"])
         value["fit_interval_s"] = _lnav_fit_s(sat, value["fit_flag"], value["iodc"])
         return self._keep_kepler(sat, MessageType.LNAV, value, sent_ns, value["iode"], value["iodc"])

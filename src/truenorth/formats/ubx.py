@@ -41,7 +41,7 @@ from ..timescales import NS_PER_S, NS_PER_WEEK, format_gpst
 from .compression import read_bytes
 from .navigation_bits import BroadcastDecoder
 
-__all__ = ["find_frames", "parse_ubx", "read_ubx"]
+__all__ = ["crc24q", "find_frames", "inav_word", "parse_ubx", "read_ubx"]
 
 FORMAT = "ubx"
 
@@ -85,7 +85,8 @@ _OLD_MEASUREMENT = np.dtype(
 
 _LEAP_KNOWN = 1
 _CODE_VALID, _PHASE_VALID, _HALF_RESOLVED, _HALF_SUBTRACTED = 1, 2, 4, 8
-_LOCK_LIMIT_MS = 64_500
+_NO_COUNTER_MS = 1 << 50  # longer than any gap: RXM-RAW flags slips itself
+_WEEK_LIMIT = 8_192
 
 # gnssId: our system, range of svId, what to subtract to get the satellite number.
 _SYSTEM_OF_GNSS = {
@@ -258,15 +259,14 @@ def find_frames(buffer):
     end = complete + 6 + length
     whole = end + 2 <= n
     complete, length, end = complete[whole], length[whole], end[whole]
-    # Sums of x_k and k x_k before every byte; uint64 wraps, which leaves them right modulo 256.
-    plain = np.concatenate(([0], np.cumsum(buffer, dtype=np.uint64)))
-    weighted = np.arange(n, dtype=np.uint64) * buffer
-    weighted = np.concatenate(([0], np.cumsum(weighted, dtype=np.uint64))).astype(np.uint64)
-    plain = plain.astype(np.uint64)
+    # Sums of x_k and k x_k before every byte; bytes wrap, and modulo 256 is all that is asked.
+    plain, weighted = np.zeros(n + 1, dtype=np.uint8), np.zeros(n + 1, dtype=np.uint8)
+    np.cumsum(buffer, dtype=np.uint8, out=plain[1:])
+    np.cumsum(np.arange(n).astype(np.uint8) * buffer, dtype=np.uint8, out=weighted[1:])
     first = complete + 2
     sum_a = plain[end] - plain[first]
-    sum_b = end.astype(np.uint64) * sum_a - (weighted[end] - weighted[first])
-    intact = ((sum_a & 0xFF) == buffer[end]) & ((sum_b & 0xFF) == buffer[end + 1])
+    sum_b = end.astype(np.uint8) * sum_a - (weighted[end] - weighted[first])
+    intact = (sum_a == buffer[end]) & (sum_b == buffer[end + 1])
     complete, length, end = complete[intact], length[intact], end[intact]
     # A payload may happen to hold what looks like a frame: the outer one counts.
     keep = np.ones(len(complete), dtype=bool)
@@ -291,7 +291,8 @@ def _records(buffer, offset, dtype):
     """One structured record at each offset."""
     if len(offset) == 0:
         return np.zeros(0, dtype=dtype)
-    return buffer[offset[:, None] + np.arange(dtype.itemsize)].view(dtype)[:, 0]
+    windows = np.lib.stride_tricks.sliding_window_view(buffer, dtype.itemsize)
+    return np.ascontiguousarray(windows[offset]).view(dtype)[:, 0]
 
 
 def _measurements(buffer, offset, length, kind, warnings):
@@ -307,7 +308,8 @@ def _measurements(buffer, offset, length, kind, warnings):
     tow_s = head["tow_ms"] / 1000.0 if old else head["tow"]
     count = head["n"].astype(np.int64)
     fits = length[chosen] == epoch_dtype.itemsize + row_dtype.itemsize * count
-    in_time = np.isfinite(tow_s) & (tow_s >= 0.0) & (tow_s < 604_801.0) & (head["week"] > 0)
+    in_time = np.isfinite(tow_s) & (tow_s >= 0.0) & (tow_s < 604_801.0)
+    in_time &= (head["week"] > 0) & (head["week"] < _WEEK_LIMIT)
     for bad, why in ((~fits, "whose length contradicts the number of satellites"),
                      (fits & ~in_time, "from before the receiver knew the time")):  # fmt: skip
         if np.any(bad):
@@ -371,8 +373,8 @@ def _old_rows(record):
     modern["gnss"] = gnss
     modern["cn0"] = np.maximum(record["cn0"], 0)
     modern["track"] = track | np.where(record["lli"] & 2, 0, _HALF_RESOLVED)
-    modern["lock_ms"] = _LOCK_LIMIT_MS
     rows = _rows(modern, np.ones(len(record)))
+    rows["lock_ms"][:] = _NO_COUNTER_MS
     rows["slip"] = (record["lli"] & 1) != 0
     return rows
 
@@ -423,10 +425,7 @@ def _flags(rows, time_ns):
     when_ms = time_ns[rows["epoch"][order]] // 1_000_000
     slip = (lock_ms == 0) | rows["slip"][order]
     same = (np.diff(sat) == 0) & (np.diff(signal) == 0)
-    by_flag = not np.any(lock_ms != _LOCK_LIMIT_MS)
-    lost = np.diff(lock_ms) < 0
-    if not by_flag:
-        lost |= lock_ms[1:] < np.diff(when_ms)
+    lost = (np.diff(lock_ms) < 0) | (lock_ms[1:] < np.diff(when_ms))
     lost |= np.diff(rows["half_subtracted"][order].astype(np.int8)) != 0
     slip[1:] |= same & lost
     lli[order[slip]] |= LLI_SLIP
