@@ -58,6 +58,8 @@ N_EPOCH = 52
 STATUS, RATE_STATUS, N_USED, N_REJECTED, DOF, N_RATE_USED = range(6)
 N_COUNTS = 6
 
+_MIN_RADIUS_M, _MAX_RADIUS_M = 6.2e6, 4.5e7
+"""Distances from the Earth's centre between which a position is taken for real."""
 _MAX_ITERATIONS = 80
 _STEP_M = 1e-4
 """Convergence: a step this small leaves less than a micrometre, the problem being nearly linear."""
@@ -74,111 +76,60 @@ _MIN_SINE = 0.05
 
 
 @kernel
-def cholesky(a, n):
-    """Factor ``a[:n, :n]`` in place into its lower triangle; False when not positive definite."""
-    for i in range(n):
-        for j in range(i + 1):
-            s = a[i, j]
-            for k in range(j):
-                s -= a[i, k] * a[j, k]
-            if i == j:
-                # 1e-11 of the diagonal is what rounding leaves of a singular matrix.
-                if not s > 1e-11 * a[i, i]:
-                    return False
-                a[i, i] = np.sqrt(s)
-            else:
-                a[i, j] = s / a[j, j]
-    return True
-
-
-@kernel
-def cholesky_solve(a, n, b):
-    """Solve with the factor of `cholesky`; ``b`` is replaced."""
-    for i in range(n):
-        s = b[i]
-        for k in range(i):
-            s -= a[i, k] * b[k]
-        b[i] = s / a[i, i]
-    for i in range(n - 1, -1, -1):
-        s = b[i]
-        for k in range(i + 1, n):
-            s -= a[k, i] * b[k]
-        b[i] = s / a[i, i]
-
-
-@kernel
-def cholesky_inverse(a, n, inverse):
-    """Write the inverse of the factored matrix to ``inverse[:n, :n]``, which is symmetric."""
-    for j in range(n):
-        for i in range(n):
-            inverse[j, i] = 0.0
-        inverse[j, j] = 1.0
-        cholesky_solve(a, n, inverse[j])
-
-
-@kernel
-def geodetic(x):
-    """Latitude, longitude and height of an ECEF position, Bowring's form iterated twice."""
-    p = np.sqrt(x[0] * x[0] + x[1] * x[1])
-    flat = np.sqrt(1.0 - WGS84_E2)
-    b = WGS84_A_M * flat
-    beta = np.arctan2(WGS84_A_M * x[2], b * p)
-    lat = 0.0
-    for _ in range(2):
-        s, c = np.sin(beta), np.cos(beta)
-        lat = np.arctan2(
-            x[2] + WGS84_E2 / (1.0 - WGS84_E2) * b * s * s * s, p - WGS84_E2 * WGS84_A_M * c * c * c
-        )
-        beta = np.arctan2(flat * np.sin(lat), np.cos(lat))
-    s = np.sin(lat)
-    height = p * np.cos(lat) + x[2] * s - WGS84_A_M * np.sqrt(1.0 - WGS84_E2 * s * s)
-    return lat, np.arctan2(x[1], x[0]), height
-
-
-@kernel
-def adjust(design, y, weight, m, n, normal, step):
+def adjust(design, y, weight, m, n, inverse, step):
     """Weighted least squares: solve for ``step[:n]`` and turn ``y`` into the residuals.
 
-    Rows of weight 0 take no part but get a residual. ``normal`` is left factored. False when singular.
+    Rows of weight 0 take no part but get a residual. The covariance of the unknowns goes to
+    ``inverse``. Returns the square sum of the weighted residuals (NaN when singular) and the row with
+    the largest normalised residual (-1: none).
     """
     for i in range(n):
-        step[i] = 0.0
         for j in range(n):
-            normal[i, j] = 0.0
+            inverse[i, j] = 0.0
     for r in range(m):
         if weight[r] > 0.0:
             for i in range(n):
                 wa = weight[r] * design[r, i]
-                step[i] += wa * y[r]
-                for j in range(i + 1):
-                    normal[i, j] += wa * design[r, j]
-    if not cholesky(normal, n):
-        return False
-    cholesky_solve(normal, n, step)
-    for r in range(m):
+                for j in range(n):
+                    inverse[i, j] += wa * design[r, j]
+    # Gauss-Jordan inversion in place; no pivoting, the matrix being positive definite.
+    for i in range(n):
+        step[i] = inverse[i, i]
+    for k in range(n):
+        pivot = inverse[k, k]
+        # 1e-11 of the diagonal is what rounding leaves of a singular matrix.
+        if not pivot > 1e-11 * step[k]:
+            return np.nan, -1
+        inverse[k, k] = 1.0
+        for j in range(n):
+            inverse[k, j] /= pivot
         for i in range(n):
-            y[r] -= design[r, i] * step[i]
-    return True
-
-
-@kernel
-def snoop(design, residual, weight, m, n, normal, inverse):
-    """Square sum of the weighted residuals, and the row with the largest normalised one (-1: none).
-
-    Writes the covariance of the unknowns to ``inverse``.
-    """
-    cholesky_inverse(normal, n, inverse)
+            if i != k:
+                factor = inverse[i, k]
+                inverse[i, k] = 0.0
+                for j in range(n):
+                    inverse[i, j] -= factor * inverse[k, j]
+    for i in range(n):
+        step[i] = 0.0
+    for r in range(m):
+        if weight[r] > 0.0:
+            for i in range(n):
+                gain = 0.0
+                for j in range(n):
+                    gain += inverse[i, j] * design[r, j]
+                step[i] += gain * weight[r] * y[r]
     chi2 = 0.0
     worst = -1
     largest = 0.0
     for r in range(m):
+        explained = 0.0
+        for i in range(n):
+            y[r] -= design[r, i] * step[i]
+            for j in range(n):
+                explained += design[r, i] * inverse[i, j] * design[r, j]
         if weight[r] > 0.0:
-            square = weight[r] * residual[r] * residual[r]
+            square = weight[r] * y[r] * y[r]
             chi2 += square
-            explained = 0.0
-            for i in range(n):
-                for j in range(n):
-                    explained += design[r, i] * inverse[i, j] * design[r, j]
             # Redundancy number: share of an error that its own residual shows.
             redundancy = 1.0 - weight[r] * explained
             if redundancy > 1e-6 and square > largest * redundancy:
@@ -190,24 +141,34 @@ def snoop(design, residual, weight, m, n, normal, inverse):
 @kernel
 def local_directions(lo, hi, x, given, day_s, klobuchar, settings, row, up_ecef):
     """Azimuth, elevation, delay of the atmosphere and code variance of every row of an epoch."""
-    lat, lon, height = geodetic(x)
-    zenith_m = saastamoinen_zenith(lat, height, settings[HUMIDITY])
+    # Geodetic position by Bowring's form, iterated twice: exact to a nanometre near the surface.
+    p = np.sqrt(x[0] * x[0] + x[1] * x[1])
+    flat = np.sqrt(1.0 - WGS84_E2)
+    beta = np.arctan2(x[2], flat * p)
+    lat = 0.0
+    for _ in range(2):
+        s, c = np.sin(beta), np.cos(beta)
+        lat = np.arctan2(x[2] + WGS84_E2 / flat * WGS84_A_M * s * s * s, p - WGS84_E2 * WGS84_A_M * c * c * c)
+        beta = np.arctan2(flat * np.sin(lat), np.cos(lat))
+    lon = np.arctan2(x[1], x[0])
     sp, cp, sl, cl = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
+    height = p * cp + x[2] * sp - WGS84_A_M * np.sqrt(1.0 - WGS84_E2 * sp * sp)
+
     up_ecef[0], up_ecef[1], up_ecef[2] = cp * cl, cp * sl, sp
+    zenith_m = saastamoinen_zenith(lat, height, settings[HUMIDITY])
     for k in range(lo, hi):
         ex, ey, ez = row[k, LOS], row[k, LOS + 1], row[k, LOS + 2]
-        east = -sl * ex + cl * ey
-        north = -sp * (cl * ex + sl * ey) + cp * ez
-        up = cp * (cl * ex + sl * ey) + sp * ez
+        outward = cl * ex + sl * ey
+        east = cl * ey - sl * ex
+        north = cp * ez - sp * outward
+        up = cp * outward + sp * ez
         azimuth = np.arctan2(east, north)
         elevation = np.arctan2(up, np.sqrt(east * east + north * north))
         row[k, AZIMUTH] = azimuth if azimuth >= 0.0 else azimuth + 2.0 * np.pi
         row[k, ELEVATION] = elevation
-        iono_m = 0.0
-        if given[k, IONO_SCALE] != 0.0:
-            iono_m = given[k, IONO_SCALE] * klobuchar_delay(
-                klobuchar, lat, lon, azimuth, max(elevation, 0.0), day_s
-            )
+        iono_m = given[k, IONO_SCALE]
+        if iono_m != 0.0:
+            iono_m *= klobuchar_delay(klobuchar, lat, lon, azimuth, max(elevation, 0.0), day_s)
         mapping = troposphere_mapping(up)
         row[k, DELAY] = iono_m + zenith_m * mapping
         sine = max(up, _MIN_SINE)
@@ -220,187 +181,10 @@ def local_directions(lo, hi, x, given, day_s, klobuchar, settings, row, up_ecef)
 
 
 @kernel
-def look(lo, hi, x, given, row):
-    """Distance and unit vector to every satellite, turned with the Earth while the signal travelled."""
-    for k in range(lo, hi):
-        theta = 0.0
-        rho = 0.0
-        dx, dy, dz = 0.0, 0.0, 0.0
-        for _ in range(3):
-            # sin and cos to third order; the angle is 10 microradians at most.
-            c = 1.0 - 0.5 * theta * theta
-            dx = c * given[k, 0] + theta * given[k, 1] - x[0]
-            dy = c * given[k, 1] - theta * given[k, 0] - x[1]
-            dz = given[k, 2] - x[2]
-            rho = np.sqrt(dx * dx + dy * dy + dz * dz)
-            theta = EARTH_RATE_RADPS / SPEED_OF_LIGHT_MPS * rho
-        row[k, LOS] = dx / rho
-        row[k, LOS + 1] = dy / rho
-        row[k, LOS + 2] = dz / rho
-        row[k, DISTANCE] = rho
-
-
-@kernel
-def fit_code(
-    lo, hi, given, group, day_s, klobuchar, settings, chi2_limit, is_warm,
-    x, column, flag, row, count, up_ecef, design, y, weight, normal, inverse, step,
-):  # fmt: skip
-    """Position and group clocks of one epoch from ``x`` on; returns the status and chi-square."""
-    m = hi - lo
-    for k in range(lo, hi):
-        if flag[k, STATE] == REJECTED:
-            flag[k, STATE] = CANDIDATE
-    for i in range(3, N_UNKNOWNS):
-        x[i] = 0.0
-    moved = np.inf
-    last_step = 0.0 if is_warm else np.inf
-    since = 0
-    count[N_REJECTED] = 0
-    for _ in range(_MAX_ITERATIONS):
-        look(lo, hi, x, given, row)
-        radius = np.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
-        on_earth = 6.2e6 < radius < 4.5e7
-        is_masked = on_earth and last_step < _MASK_STEP_M
-        if not on_earth:
-            for k in range(lo, hi):
-                row[k, DELAY] = 0.0
-                row[k, VARIANCE] = _LOST_VAR_M2
-            moved = np.inf
-        elif moved > _MOVED_M:
-            local_directions(lo, hi, x, given, day_s, klobuchar, settings, row, up_ecef)
-            moved = 0.0
-
-        # One column for each clock group that is present.
-        n_used = 0
-        for g in range(N_GROUPS):
-            column[g] = -1
-        for k in range(lo, hi):
-            if since < _MASK_ITERATIONS or not is_masked:
-                is_low = is_masked and row[k, ELEVATION] < settings[MASK]
-                flag[k, USED] = flag[k, STATE] == CANDIDATE and not is_low
-            if flag[k, USED]:
-                n_used += 1
-                column[group[k]] = 0
-        n = np.int64(3)
-        for g in range(N_GROUPS):
-            if column[g] == 0:
-                column[g] = n
-                n += 1
-        count[N_USED] = n_used
-        if n_used < n or n == 3:
-            return TOO_FEW, np.nan
-
-        for r in range(m):
-            k = lo + r
-            for i in range(n):
-                design[r, i] = -row[k, LOS + i] if i < 3 else 0.0
-            c = column[group[k]]
-            y[r] = np.nan
-            if c >= 0:
-                design[r, c] = 1.0
-                y[r] = given[k, RANGE] - row[k, DISTANCE] - row[k, DELAY] - x[3 + group[k]]
-            weight[r] = 1.0 / row[k, VARIANCE] if flag[k, USED] else 0.0
-        if not adjust(design, y, weight, m, n, normal, step):
-            return WEAK_GEOMETRY, np.nan
-        last_step = np.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
-        moved += last_step
-        since += 1
-        for i in range(3):
-            x[i] += step[i]
-        for g in range(N_GROUPS):
-            if column[g] >= 0:
-                x[3 + g] += step[column[g]]
-        if not last_step < np.inf:
-            return NOT_CONVERGED, np.nan
-        if last_step > _STEP_M or (on_earth and not is_masked):
-            continue
-
-        chi2, worst = snoop(design, y, weight, m, n, normal, inverse)
-        dof = n_used - n
-        count[DOF] = dof
-        is_good = dof < 1 or chi2 <= chi2_limit[dof]
-        # With one redundant satellite all normalised residuals are alike: detected, not located.
-        if is_good or dof < 2 or count[N_REJECTED] >= settings[MAX_REJECTED] or worst < 0:
-            for r in range(m):
-                row[lo + r, RESIDUAL] = y[r]
-            if not on_earth:
-                return NOT_CONVERGED, chi2
-            return (OK, chi2) if is_good else (INCONSISTENT, chi2)
-        flag[lo + worst, STATE] = REJECTED
-        flag[lo + worst, USED] = False
-        count[N_REJECTED] += 1
-        since = 0
-    return NOT_CONVERGED, np.nan
-
-
-@kernel
-def fit_rate(
-    lo, hi, given, settings, chi2_limit, flag, row, epoch, count, design, y, weight, normal, inverse, step
+def solve_positions(
+    epoch_start, day_s, start, given, group, klobuchar, settings, chi2_limit, flag, row, epoch, count
 ):
-    """Velocity and clock drift of one epoch at the position found; returns the status."""
-    m = hi - lo
-    n = np.int64(4)
-    n_used = 0
-    for r in range(m):
-        k = lo + r
-        ratio = given[k, RATE]
-        # The satellite's state in the Earth's axes at reception; its speed towards us in inertial space.
-        theta = EARTH_RATE_RADPS / SPEED_OF_LIGHT_MPS * row[k, DISTANCE]
-        ex, ey = row[k, LOS], row[k, LOS + 1]
-        recede = (
-            ex * (given[k, 3] + theta * given[k, 4])
-            + ey * (given[k, 4] - theta * given[k, 3])
-            + row[k, LOS + 2] * given[k, 5]
-        )
-        turn = ey * (given[k, 0] + theta * given[k, 1]) - ex * (given[k, 1] - theta * given[k, 0])
-        shrink = 1.0 + (recede + EARTH_RATE_RADPS * turn) / SPEED_OF_LIGHT_MPS
-        for i in range(3):
-            design[r, i] = -row[k, LOS + i] / shrink
-        design[r, 3] = ratio
-        y[r] = SPEED_OF_LIGHT_MPS * (1.0 - ratio) - recede / shrink
-        weight[r] = 0.0
-        if flag[k, STATE] != UNUSABLE and ratio == ratio and row[k, ELEVATION] >= settings[MASK]:
-            sine = max(np.sin(row[k, ELEVATION]), _MIN_SINE)
-            variance = settings[RATE_VAR] + settings[RATE_VAR_EL] / (sine * sine)
-            weight[r] = 1.0 / (variance * given[k, NOISE_SCALE])
-            n_used += 1
-    if n_used == 0:
-        return NO_DOPPLER
-    n_removed = 0
-    for i in range(4):
-        epoch[VELOCITY + i] = 0.0
-    while n_used >= n:
-        if not adjust(design, y, weight, m, n, normal, step):
-            break
-        chi2, worst = snoop(design, y, weight, m, n, normal, inverse)
-        for i in range(4):
-            epoch[VELOCITY + i] += step[i]
-        dof = n_used - n
-        is_good = dof < 1 or chi2 <= chi2_limit[dof]
-        if is_good or dof < 2 or n_removed >= settings[MAX_REJECTED] or worst < 0:
-            epoch[RATE_CHI2] = chi2
-            for i in range(4):
-                for j in range(4):
-                    epoch[RATE_COV + 4 * i + j] = inverse[i, j]
-            for r in range(m):
-                row[lo + r, RATE_RESIDUAL] = y[r]
-                flag[lo + r, RATE_USED] = weight[r] > 0.0
-            count[N_RATE_USED] = n_used
-            return OK if is_good else INCONSISTENT
-        # The residuals are the observations of the next adjustment, which adds to the velocity.
-        weight[worst] = 0.0
-        n_used -= 1
-        n_removed += 1
-    for i in range(4):
-        epoch[VELOCITY + i] = np.nan
-    return TOO_FEW if n_used < n else WEAK_GEOMETRY
-
-
-@kernel
-def solve_points(
-    epoch_start, day_s, n_code, start, given, group, klobuchar, settings, chi2_limit, flag, row, epoch, count
-):
-    """Solve all epochs.
+    """Position, clocks and DOPs of all epochs.
 
     Parameters
     ----------
@@ -408,8 +192,6 @@ def solve_points(
         Row offsets of the epochs.
     day_s : float64 (n,)
         Seconds of the GPS day.
-    n_code : int64 (n,)
-        Satellites with a pseudorange, to tell why an epoch fails.
     start : float64 (3,)
         First guess of the position; anything off the Earth means none.
     given : float64 (m, N_GIVEN)
@@ -419,8 +201,8 @@ def solve_points(
     settings : float64 (N_SETTINGS,)
     chi2_limit : float64 (most satellites of an epoch + 1,)
         By degrees of freedom.
-    flag : bool-like uint8 (m, N_FLAGS)
-        STATE `CANDIDATE` or `UNUSABLE` and 0 on entry.
+    flag : uint8 (m, N_FLAGS)
+        STATE `CANDIDATE` or `UNUSABLE`, and 0, on entry.
     row : float64 (m, N_ROW); epoch : float64 (n, N_EPOCH)
         Results, NaN on entry.
     count : int64 (n, N_COUNTS)
@@ -433,42 +215,127 @@ def solve_points(
     design = np.zeros((most, N_UNKNOWNS))
     y = np.zeros(most)
     weight = np.zeros(most)
-    normal = np.zeros((N_UNKNOWNS, N_UNKNOWNS))
     inverse = np.zeros((N_UNKNOWNS, N_UNKNOWNS))
     step = np.zeros(N_UNKNOWNS)
     guess = start.copy()
     for t in range(day_s.shape[0]):
         lo, hi = epoch_start[t], epoch_start[t + 1]
-        radius = np.sqrt(guess[0] * guess[0] + guess[1] * guess[1] + guess[2] * guess[2])
-        is_warm = 6.2e6 < radius < 4.5e7
-        status = TOO_FEW
-        chi2 = np.nan
-        # From the guess, if it lies on the Earth; else, or if that fails, from the Earth's centre.
-        while True:
-            for i in range(3):
-                x[i] = guess[i] if is_warm else 0.0
-            status, chi2 = fit_code(
-                lo, hi, given, group, day_s[t], klobuchar, settings, chi2_limit, is_warm,
-                x, column, flag, row, count[t], up_ecef, design, y, weight, normal, inverse, step,
-            )  # fmt: skip
-            if status == OK or not is_warm:
+        m = hi - lo
+        status = NOT_CONVERGED
+        # First from the guess, if it lies on the Earth; if that fails, from the Earth's centre.
+        is_warm = guess[0] * guess[0] + guess[1] * guess[1] + guess[2] * guess[2] > _MIN_RADIUS_M**2
+        is_solved = False
+        for attempt in range(2):
+            if attempt == 0 and not is_warm:
+                continue
+            for i in range(N_UNKNOWNS):
+                x[i] = guess[i] if i < 3 and attempt == 0 else 0.0
+            for k in range(lo, hi):
+                if flag[k, STATE] == REJECTED:
+                    flag[k, STATE] = CANDIDATE
+            count[t, N_REJECTED] = 0
+            moved = np.inf
+            last_step = 0.0 if attempt == 0 else np.inf
+            since = 0
+            status = NOT_CONVERGED
+            for _ in range(_MAX_ITERATIONS):
+                # Satellites, turned with the Earth while the signal travelled.
+                for k in range(lo, hi):
+                    theta, distance, dx, dy, dz = 0.0, 0.0, 0.0, 0.0, given[k, 2] - x[2]
+                    for _ in range(3):
+                        # cos and sin to third order; the angle is 10 microradians at most.
+                        c = 1.0 - 0.5 * theta * theta
+                        dx = c * given[k, 0] + theta * given[k, 1] - x[0]
+                        dy = c * given[k, 1] - theta * given[k, 0] - x[1]
+                        distance = np.sqrt(dx * dx + dy * dy + dz * dz)
+                        theta = EARTH_RATE_RADPS / SPEED_OF_LIGHT_MPS * distance
+                    row[k, LOS] = dx / distance
+                    row[k, LOS + 1] = dy / distance
+                    row[k, LOS + 2] = dz / distance
+                    row[k, DISTANCE] = distance
+                radius2 = x[0] * x[0] + x[1] * x[1] + x[2] * x[2]
+                on_earth = _MIN_RADIUS_M**2 < radius2 < _MAX_RADIUS_M**2
+                is_masked = on_earth and last_step < _MASK_STEP_M
+                if on_earth and moved > _MOVED_M:
+                    local_directions(lo, hi, x, given, day_s[t], klobuchar, settings, row, up_ecef)
+                    moved = 0.0
+
+                # One column for each clock group that is present.
+                n_used = 0
+                for g in range(N_GROUPS):
+                    column[g] = -1
+                for k in range(lo, hi):
+                    if since < _MASK_ITERATIONS or not is_masked:
+                        is_low = is_masked and row[k, ELEVATION] < settings[MASK]
+                        flag[k, USED] = flag[k, STATE] == CANDIDATE and not is_low
+                    if flag[k, USED]:
+                        n_used += 1
+                        column[group[k]] = 0
+                n = np.int64(3)
+                for g in range(N_GROUPS):
+                    if column[g] == 0:
+                        column[g] = n
+                        n += 1
+                count[t, N_USED] = n_used
+                if n_used < n or n == 3:
+                    status = TOO_FEW
+                    break
+
+                for r in range(m):
+                    k = lo + r
+                    for i in range(n):
+                        design[r, i] = -row[k, LOS + i] if i < 3 else 0.0
+                    if not on_earth:
+                        moved = np.inf
+                        row[k, DELAY] = 0.0
+                        row[k, VARIANCE] = _LOST_VAR_M2
+                    y[r] = np.nan
+                    if column[group[k]] >= 0:
+                        design[r, column[group[k]]] = 1.0
+                        y[r] = given[k, RANGE] - row[k, DISTANCE] - row[k, DELAY] - x[3 + group[k]]
+                    weight[r] = 1.0 / row[k, VARIANCE] if flag[k, USED] else 0.0
+                chi2, worst = adjust(design, y, weight, m, n, inverse, step)
+                if not chi2 < np.inf:
+                    status = WEAK_GEOMETRY
+                    break
+                for i in range(3):
+                    x[i] += step[i]
+                for g in range(N_GROUPS):
+                    if column[g] >= 0:
+                        x[3 + g] += step[column[g]]
+                last_step = np.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
+                moved += last_step
+                since += 1
+                if last_step > _STEP_M or (on_earth and not is_masked):
+                    continue
+
+                dof = n_used - n
+                is_good = dof < 1 or chi2 <= chi2_limit[dof]
+                # With one redundant satellite all normalised residuals are alike: detected, not located.
+                if is_good or dof < 2 or count[t, N_REJECTED] >= settings[MAX_REJECTED] or worst < 0:
+                    if on_earth:
+                        is_solved = True
+                        status = OK if is_good else INCONSISTENT
+                        count[t, DOF] = dof
+                        epoch[t, CHI2] = chi2
+                        for r in range(m):
+                            row[lo + r, RESIDUAL] = y[r]
+                        for i in range(4):
+                            for j in range(4):
+                                epoch[t, COV + 4 * i + j] = inverse[i, j]
+                    break
+                flag[lo + worst, STATE] = REJECTED
+                flag[lo + worst, USED] = 0
+                count[t, N_REJECTED] += 1
+                since = 0
+            if status == OK:
                 break
-            is_warm = False
-        if status in (OK, INCONSISTENT):
-            for i in range(4):
-                for j in range(4):
-                    epoch[t, COV + 4 * i + j] = inverse[i, j]
+
+        if is_solved:
             # DOPs: the same design with unit weights.
-            n = np.int64(3)
-            for g in range(N_GROUPS):
-                if column[g] >= 0:
-                    n += 1
-            for r in range(hi - lo):
+            for r in range(m):
                 weight[r] = 1.0 if weight[r] > 0.0 else 0.0
-            if adjust(design, y, weight, hi - lo, n, normal, step):
-                cholesky_inverse(normal, n, inverse)
-            else:
-                inverse[0, 0] = np.inf
+            adjust(design, y, weight, m, n, inverse, step)
             total = inverse[0, 0] + inverse[1, 1] + inverse[2, 2]
             vertical = 0.0
             for i in range(3):
@@ -480,18 +347,10 @@ def solve_points(
             epoch[t, DOPS + 3] = np.sqrt(vertical)
             epoch[t, DOPS + 4] = np.sqrt(inverse[3, 3])
             if not epoch[t, DOPS + 1] <= settings[MAX_PDOP]:
+                is_solved = False
                 status = WEAK_GEOMETRY
-        elif status == TOO_FEW:
-            n_candidates = 0
-            for k in range(lo, hi):
-                n_candidates += flag[k, STATE] != UNUSABLE
-            if n_code[t] == 0:
-                status = NO_CODE
-            elif n_candidates < 4 and n_code[t] >= 4:
-                status = NO_NAVIGATION
         count[t, STATUS] = status
-        if status in (OK, INCONSISTENT):
-            epoch[t, CHI2] = chi2
+        if is_solved:
             for i in range(3):
                 epoch[t, POSITION + i] = x[i]
                 guess[i] = x[i]
@@ -499,15 +358,80 @@ def solve_points(
                 if column[g] >= 0:
                     epoch[t, GROUP_CLOCK + g] = x[3 + g]
                     epoch[t, CLOCK] = x[3 + g]
-            count[t, RATE_STATUS] = fit_rate(
-                lo, hi, given, settings, chi2_limit, flag, row, epoch[t], count[t],
-                design, y, weight, normal, inverse, step,
-            )  # fmt: skip
         else:
-            count[t, RATE_STATUS] = status
-            for i in range(COV, COV + 16):
-                epoch[t, i] = np.nan
             for k in range(lo, hi):
                 flag[k, USED] = 0
                 for i in range(N_ROW):
                     row[k, i] = np.nan
+
+
+@kernel
+def solve_rates(epoch_start, given, settings, chi2_limit, flag, row, epoch, count):
+    """Velocity and clock drift of all epochs at the positions of `solve_positions`, same arrays."""
+    most = chi2_limit.shape[0]
+    design = np.zeros((most, N_UNKNOWNS))
+    y = np.zeros(most)
+    weight = np.zeros(most)
+    inverse = np.zeros((N_UNKNOWNS, N_UNKNOWNS))
+    step = np.zeros(N_UNKNOWNS)
+    n = np.int64(4)
+    for t in range(count.shape[0]):
+        count[t, RATE_STATUS] = count[t, STATUS]
+        if np.isnan(epoch[t, POSITION]):
+            continue
+        lo, m = epoch_start[t], epoch_start[t + 1] - epoch_start[t]
+        n_used = 0
+        for r in range(m):
+            k = lo + r
+            ratio = given[k, RATE]
+            # The satellite in the Earth's axes at reception; how fast it recedes in inertial space.
+            theta = EARTH_RATE_RADPS / SPEED_OF_LIGHT_MPS * row[k, DISTANCE]
+            ex, ey = row[k, LOS], row[k, LOS + 1]
+            recede = (
+                ex * (given[k, 3] + theta * given[k, 4])
+                + ey * (given[k, 4] - theta * given[k, 3])
+                + row[k, LOS + 2] * given[k, 5]
+            )
+            turn = ey * (given[k, 0] + theta * given[k, 1]) - ex * (given[k, 1] - theta * given[k, 0])
+            shrink = 1.0 + (recede + EARTH_RATE_RADPS * turn) / SPEED_OF_LIGHT_MPS
+            for i in range(3):
+                design[r, i] = -row[k, LOS + i] / shrink
+            design[r, 3] = ratio
+            y[r] = SPEED_OF_LIGHT_MPS * (1.0 - ratio) - recede / shrink
+            weight[r] = 0.0
+            if flag[k, STATE] != UNUSABLE and ratio == ratio and row[k, ELEVATION] >= settings[MASK]:
+                sine = max(np.sin(row[k, ELEVATION]), _MIN_SINE)
+                variance = settings[RATE_VAR] + settings[RATE_VAR_EL] / (sine * sine)
+                weight[r] = 1.0 / (variance * given[k, NOISE_SCALE])
+                n_used += 1
+        count[t, RATE_STATUS] = NO_DOPPLER if n_used == 0 else TOO_FEW
+        for i in range(4):
+            epoch[t, VELOCITY + i] = 0.0
+        n_removed = 0
+        while n_used >= n:
+            chi2, worst = adjust(design, y, weight, m, n, inverse, step)
+            if not chi2 < np.inf:
+                count[t, RATE_STATUS] = WEAK_GEOMETRY
+                break
+            for i in range(4):
+                epoch[t, VELOCITY + i] += step[i]
+            dof = n_used - n
+            is_good = dof < 1 or chi2 <= chi2_limit[dof]
+            if is_good or dof < 2 or n_removed >= settings[MAX_REJECTED] or worst < 0:
+                count[t, RATE_STATUS] = OK if is_good else INCONSISTENT
+                count[t, N_RATE_USED] = n_used
+                epoch[t, RATE_CHI2] = chi2
+                for i in range(4):
+                    for j in range(4):
+                        epoch[t, RATE_COV + 4 * i + j] = inverse[i, j]
+                for r in range(m):
+                    row[lo + r, RATE_RESIDUAL] = y[r]
+                    flag[lo + r, RATE_USED] = weight[r] > 0.0
+                break
+            # The residuals are the observations of the next adjustment, which adds to the velocity.
+            weight[worst] = 0.0
+            n_used -= 1
+            n_removed += 1
+        if np.isnan(epoch[t, RATE_CHI2]):
+            for i in range(4):
+                epoch[t, VELOCITY + i] = np.nan

@@ -526,21 +526,34 @@ def _run_kernel(time_ns, start, sat, given, is_usable, klobuchar, settings, sign
     row = np.full((m, kernels.N_ROW), np.nan)
     epoch = np.full((n, kernels.N_EPOCH), np.nan)
     count = np.zeros((n, kernels.N_COUNTS), dtype=np.int64)
-    kernels.solve_points(
-        np.array(start, dtype=np.int64),
+    given = np.array(given, dtype=np.float64, order="C")
+    start = np.array(start, dtype=np.int64)
+    settings = np.array(settings, dtype=np.float64)
+    chi2_limit = np.array(_chi2_limits(int(n_code.max(initial=1)), float(significance)))
+    kernels.solve_positions(
+        start,
         (np.asarray(time_ns) % NS_PER_DAY) / 1e9,
-        n_code,
         np.array(initial, dtype=np.float64),
-        np.array(given, dtype=np.float64, order="C"),
+        given,
         group,
         np.zeros(8) if klobuchar is None else klobuchar,
-        np.array(settings, dtype=np.float64),
-        np.array(_chi2_limits(int(n_code.max(initial=1)), float(significance))),
+        settings,
+        chi2_limit,
         flag,
         row,
         epoch,
         count,
     )
+    kernels.solve_rates(start, given, settings, chi2_limit, flag, row, epoch, count)
+
+    # Why there were too few: nothing observed, or nothing known of what was observed.
+    n_candidates = np.diff(np.concatenate(([0], np.cumsum(is_usable)))[start])
+    status = count[:, kernels.STATUS]
+    lacking = status == kernels.TOO_FEW
+    status[lacking & (n_candidates < 4) & (n_code >= 4)] = kernels.NO_NAVIGATION
+    status[lacking & (n_code == 0)] = kernels.NO_CODE
+    solved = np.isin(status, (kernels.OK, kernels.INCONSISTENT))
+    count[~solved, kernels.RATE_STATUS] = status[~solved]
     return flag, row, epoch, count
 
 
