@@ -13,8 +13,8 @@ EARTH_RATE_RADPS = 7.2921151467e-5
 WAVELENGTH_M = 299_792_458.0 / 1575.42e6
 
 
-def directions_enu(time_s, latitude_rad=np.radians(39.9), longitude_rad=np.radians(32.8), phase_rad=0.0):
-    """Unit vectors to all 24 satellites in east, north, up, shape (..., 24, 3)."""
+def directions_enu(time_s, latitude_rad=0.696, longitude_rad=0.572, phase_rad=0.0):
+    """Unit vectors to all 24 satellites in east, north, up, shape (..., 24, 3); Ankara by default."""
     time_s = np.asarray(time_s, dtype=float)[..., None]
     plane, slot = np.divmod(np.arange(24), 4)
     inclination = np.radians(55.0)
