@@ -40,9 +40,9 @@ RatioTest = Literal["none", "fixed", "fixed_failure_rate", "difference"]
 class StochasticSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Noise of undifferenced observations: ``sd^2 = (a^2 + b^2 / sin^2 el) * 10^((45 - C/N0)/10 * s)``."""
 
-    phase_sd_m: float = 0.003
+    phase_sd_m: float = 0.002
     """Part of the phase noise that does not depend on elevation, metres."""
-    phase_elevation_sd_m: float = 0.003
+    phase_elevation_sd_m: float = 0.002
     """Part that grows with 1/sin(elevation), metres."""
     code_sd_m: float = 0.30
     """Code noise, the constant part, metres."""
@@ -52,8 +52,12 @@ class StochasticSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     """Signals above this C/N0 get no further trust; those below are weighted down."""
     cn0_slope: float = 0.0
     """Share s of the thermal law; 0 ignores C/N0, 1 follows it."""
-    estimate: bool = False
-    """Scale the noise by a variance factor estimated robustly from the run."""
+    correlation_s: float = 20.0
+    """Time over which multipath stays alike: epochs closer together count in part."""
+    memory_epochs: float = 10.0
+    """Carried ambiguities never weigh more than this many independent epochs."""
+    estimate: bool = True
+    """Scale phase and code noise by variance factors estimated robustly from a sample of the run."""
 
 
 class GnssSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -61,6 +65,8 @@ class GnssSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     method: Method = "constrained"
     """Integer resolution."""
+    direction: Literal["forward", "backward", "combined"] = "forward"
+    """Of the methods that carry ambiguities over epochs."""
     single_epoch: bool = False
     """Resolve every epoch by itself, remembering nothing."""
     systems: str = "GRECJ"

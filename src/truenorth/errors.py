@@ -121,6 +121,7 @@ class Reason(IntEnum):
     NO_CODE = 13
     HOLD_RELEASED = 14
     NO_NAVIGATION = 15
+    DIRECTIONS_DISAGREE = 16
 
 
 REASON_SENTENCES = {
@@ -139,6 +140,7 @@ REASON_SENTENCES = {
     Reason.WEAK_GEOMETRY: "the satellites do not span the three directions",
     Reason.NO_CODE: "no pseudoranges, and the method needs them",
     Reason.HOLD_RELEASED: "held integers failed their re-validation and were released",
+    Reason.DIRECTIONS_DISAGREE: "forward and backward solutions have different integers",
     Reason.NO_NAVIGATION: "no valid broadcast ephemeris for enough satellites",
 }
 """One sentence for each `Reason`."""

@@ -388,15 +388,92 @@ def validate(
 
 
 @kernel
+def float_ambiguities(m, n, y, design, wavelength, variance, group, q_b, b_float, a_float, q_a, q_ba):
+    """Float double-difference ambiguities and covariances, given the baseline and its covariance."""
+    h = np.empty((n, 3))
+    lam = np.empty(n)
+    owner = np.empty(n, np.int64)
+    own = np.empty(n)
+    k = 0
+    i = 0
+    while i < m:
+        j = i + 1
+        while j < m and group[j] == group[i]:
+            lam[k] = wavelength[j]
+            owner[k] = i
+            own[k] = variance[j]
+            value = y[j] - y[i]
+            for r in range(3):
+                h[k, r] = design[j, r] - design[i, r]
+                value -= h[k, r] * b_float[r]
+            a_float[k] = value / lam[k]
+            k += 1
+            j += 1
+        i = j
+    for k in range(n):
+        for r in range(3):
+            q_ba[r, k] = -(q_b[r, 0] * h[k, 0] + q_b[r, 1] * h[k, 1] + q_b[r, 2] * h[k, 2]) / lam[k]
+        for j in range(k + 1):
+            value = -(q_ba[0, k] * h[j, 0] + q_ba[1, k] * h[j, 1] + q_ba[2, k] * h[j, 2]) * lam[k]
+            if owner[j] == owner[k]:
+                value += variance[owner[k]]
+            if j == k:
+                value += own[k]
+            q_a[k, j] = value / (lam[k] * lam[j])
+            q_a[j, k] = q_a[k, j]
+
+
+@kernel
+def worst_row(m, residual, design, variance, group, information):
+    """Row with the largest normalised residual |r_i| / sd(r_i); returns (row, that number).
+
+    The variance of a residual is what is left of the observation's after the clock of its group and
+    the baseline took their part.
+    """
+    q = np.empty((3, 3))
+    best = -1
+    largest = 0.0
+    if not invert_3(information, q):
+        return best, largest
+    h = np.empty(3)
+    i = 0
+    while i < m:
+        j = i
+        total = 0.0
+        mean = np.zeros(3)
+        while j < m and group[j] == group[i]:
+            total += 1.0 / variance[j]
+            for r in range(3):
+                mean[r] += design[j, r] / variance[j]
+            j += 1
+        for k in range(i, j):
+            for r in range(3):
+                h[r] = design[k, r] - mean[r] / total
+            left = variance[k] - 1.0 / total - quadratic_3(q, h)
+            if left > 0.02 * variance[k]:
+                size = abs(residual[k]) / np.sqrt(left)
+                if size > largest:
+                    largest = size
+                    best = k
+        i = j
+    return best, largest
+
+
+@kernel
 def solve_single_epochs(
     phase_start, phase_y, phase_design, wavelength, phase_variance, phase_group,
     code_start, code_y, code_design, code_variance, code_group,
     prior_information, prior_rhs,
     length, length_variance, use_length_in_search, check_length, length_tolerance_sd, kappa,
-    cap_factor, margin, max_nodes, chi2_limits, min_probability, ratio_mode, min_ratio,
-    residual, ambiguity, out, status, reason,
+    cap_factor, margin, max_nodes, chi2_limits, min_probability, ratio_mode, min_ratio, max_exclusions,
+    residual, ambiguity, excluded, out, status, reason,
 ):  # fmt: skip
-    """Resolve every epoch by itself; results in `out` (n_epochs, N_COLUMNS), `status`, `reason`."""
+    """Resolve every epoch by itself; results in `out` (n_epochs, N_COLUMNS), `status`, `reason`.
+
+    When the residuals of the winner are too large and enough satellites remain, the row with the
+    largest normalised residual is excluded and the epoch resolved anew, `max_exclusions` times at most;
+    `excluded` holds its normalised residual.
+    """
     n_epochs = len(phase_start) - 1
     info_code = np.empty((3, 3))
     info_mu = np.empty((3, 3))
@@ -404,17 +481,38 @@ def solve_single_epochs(
     rhs = np.empty(3)
     dummy = np.empty(3)
     q_b = np.empty((3, 3))
+    b_code = np.empty(3)
     b_float = np.empty(3)
     b_con = np.empty((2, 3))
     b_free = np.empty((2, 3))
+    mu = 0.0
+    if use_length_in_search:
+        mu = kappa / (length * length + kappa * length_variance)
     for e in range(n_epochs):
         first, last = phase_start[e], phase_start[e + 1]
+        m = last - first
         row = out[e]
-        row[:] = np.nan
+        for k in range(N_COLUMNS):
+            row[k] = np.nan
         status[e] = S_NONE
-        for i in range(first, last):
-            residual[i] = np.nan
-            ambiguity[i] = np.nan
+        # The epoch's phases, from which rows may be struck.
+        index = np.empty(m, np.int64)
+        y = np.empty(m)
+        design = np.empty((m, 3))
+        lam = np.empty(m)
+        variance = np.empty(m)
+        group = np.empty(m, np.int64)
+        for i in range(m):
+            k = first + i
+            index[i] = k
+            y[i] = phase_y[k]
+            lam[i] = wavelength[k]
+            variance[i] = phase_variance[k]
+            group[i] = phase_group[k]
+            for r in range(3):
+                design[i, r] = phase_design[k, r]
+        res = np.empty(m)
+        amb = np.empty(m)
         # Code and prior information on the baseline.
         for r in range(3):
             rhs[r] = prior_rhs[r]
@@ -423,107 +521,85 @@ def solve_single_epochs(
         square, code_dof = add_groups(
             code_start[e], code_start[e + 1], code_y, code_design, code_variance, code_group, info_code, rhs
         )
-        n = 0
-        i = first
-        n_groups = 0
-        while i < last:
-            j = i
-            while j < last and phase_group[j] == phase_group[i]:
-                j += 1
-            n += j - i - 1
-            n_groups += 1
-            i = j
-        row[N_PHASES] = n
-        have_float = invert_3(info_code, q_b)
-        if have_float:
+        if invert_3(info_code, q_b):
             for r in range(3):
-                b_float[r] = q_b[r, 0] * rhs[0] + q_b[r, 1] * rhs[1] + q_b[r, 2] * rhs[2]
-                row[FLOAT_X + r] = b_float[r]
+                b_code[r] = q_b[r, 0] * rhs[0] + q_b[r, 1] * rhs[1] + q_b[r, 2] * rhs[2]
+                row[FLOAT_X + r] = b_code[r]
             row[FLOAT_COV], row[FLOAT_COV + 1], row[FLOAT_COV + 2] = q_b[0, 0], q_b[1, 1], q_b[2, 2]
             row[FLOAT_COV + 3], row[FLOAT_COV + 4], row[FLOAT_COV + 5] = q_b[0, 1], q_b[0, 2], q_b[1, 2]
             status[e] = S_FLOAT
-            geometry_dops(first, last, phase_design, phase_group, b_float, row)
-        if n < 3:
-            reason[e] = R_TOO_FEW_SATELLITES
-            continue
-        mu = 0.0
-        if use_length_in_search:
-            mu = kappa / (length * length + kappa * length_variance)
+            geometry_dops(0, m, design, group, b_code, row)
         for r in range(3):
             for c in range(3):
                 info_mu[r, c] = info_code[r, c]
-                info_total[r, c] = info_code[r, c]
             info_mu[r, r] += mu
-        if not invert_3(info_mu, q_b):
-            reason[e] = R_NO_CODE
-            continue
+        searchable = invert_3(info_mu, q_b)
         j_min = square
         for r in range(3):
             b_float[r] = q_b[r, 0] * rhs[0] + q_b[r, 1] * rhs[1] + q_b[r, 2] * rhs[2]
         for r in range(3):
             j_min -= rhs[r] * b_float[r]
-        dummy[:] = 0.0
-        add_groups(
-            first, last, phase_y, phase_design, phase_variance, phase_group, info_total, dummy
-        )
 
-        # Double differences of the phases against the first row of each group.
-        a_float = np.empty(n)
-        q_a = np.empty((n, n))
-        q_ba = np.empty((3, n))
-        h = np.empty((n, 3))
-        lam = np.empty(n)
-        owner = np.empty(n, np.int64)
-        k = 0
-        i = first
-        while i < last:
-            j = i + 1
-            while j < last and phase_group[j] == phase_group[i]:
-                lam[k] = wavelength[j]
-                owner[k] = i
-                value = phase_y[j] - phase_y[i]
+        for attempt in range(max_exclusions + 1):
+            n = 0
+            for i in range(1, m):
+                if group[i] == group[i - 1]:
+                    n += 1
+            row[N_PHASES] = n
+            if n < 3:
+                reason[e] = R_TOO_FEW_SATELLITES
+                break
+            if not searchable:
+                reason[e] = R_NO_CODE
+                break
+            for r in range(3):
+                dummy[r] = 0.0
+                for c in range(3):
+                    info_total[r, c] = info_code[r, c]
+            add_groups(0, m, y, design, variance, group, info_total, dummy)
+            a_float = np.empty(n)
+            q_a = np.empty((n, n))
+            q_ba = np.empty((3, n))
+            float_ambiguities(m, n, y, design, lam, variance, group, q_b, b_float, a_float, q_a, q_ba)
+            constraint = length if use_length_in_search else np.nan
+            dof = n + code_dof - 2 if use_length_in_search else n + code_dof - 3
+            cap = cap_factor * chi2_limits[min(max(dof, 1), len(chi2_limits) - 1)] + margin
+            a_best = np.empty((2, n))
+            code = resolve_integers(
+                n, a_float, q_a, q_ba, b_float, j_min, info_code, info_total, mu,
+                constraint, length_variance, cap, margin, max_nodes, a_best, b_con, b_free, row,
+            )  # fmt: skip
+            if not row[FOUND] > 0:
+                reason[e] = code
+                break
+            verdict = validate(
+                0, m, y, design, lam, variance, group, n, a_best[0], b_con[0], b_free[0], info_total,
+                length, length_variance, use_length_in_search, check_length, length_tolerance_sd,
+                chi2_limits, min_probability, min_ratio, ratio_mode, res, amb, row,
+            )  # fmt: skip
+            geometry_dops(0, m, design, group, b_free[0], row)
+            reason[e] = verdict if code == R_OK else code
+            if reason[e] == R_OK:
+                status[e] = S_FIXED
+            if verdict != R_RESIDUAL_TEST or attempt == max_exclusions or n < 6:
+                break
+            worst, size = worst_row(m, res, design, variance, group, info_total)
+            if worst < 0:
+                break
+            excluded[index[worst]] = size
+            for i in range(worst, m - 1):
+                index[i] = index[i + 1]
+                y[i] = y[i + 1]
+                lam[i] = lam[i + 1]
+                variance[i] = variance[i + 1]
+                group[i] = group[i + 1]
                 for r in range(3):
-                    h[k, r] = phase_design[j, r] - phase_design[i, r]
-                    value -= h[k, r] * b_float[r]
-                a_float[k] = value / lam[k]
-                k += 1
-                j += 1
-            i = j
-        k = 0
+                    design[i, r] = design[i + 1, r]
+            m -= 1
         for i in range(first, last):
-            if k < n and owner[k] < i and (i == first or phase_group[i] == phase_group[i - 1]):
-                for r in range(3):
-                    q_ba[r, k] = -(q_b[r, 0] * h[k, 0] + q_b[r, 1] * h[k, 1] + q_b[r, 2] * h[k, 2]) / lam[k]
-                for m in range(k + 1):
-                    value = -(q_ba[0, k] * h[m, 0] + q_ba[1, k] * h[m, 1] + q_ba[2, k] * h[m, 2]) * lam[k]
-                    if owner[m] == owner[k]:
-                        value += phase_variance[owner[k]]
-                    if m == k:
-                        value += phase_variance[i]
-                    q_a[k, m] = value / (lam[k] * lam[m])
-                    q_a[m, k] = q_a[k, m]
-                k += 1
-
-        constraint = length if use_length_in_search else np.nan
-        dof = n + code_dof - 2 if use_length_in_search else n + code_dof - 3
-        cap = cap_factor * chi2_limits[min(max(dof, 1), len(chi2_limits) - 1)] + margin
-        a_best = np.empty((2, n))
-        code = resolve_integers(
-            n, a_float, q_a, q_ba, b_float, j_min, info_code, info_total, mu,
-            constraint, length_variance, cap, margin, max_nodes, a_best, b_con, b_free, row,
-        )  # fmt: skip
-        if not row[FOUND] > 0:
-            reason[e] = code
-            continue
-        verdict = validate(
-            first, last, phase_y, phase_design, wavelength, phase_variance, phase_group, n, a_best[0],
-            b_con[0], b_free[0], info_total, length, length_variance, use_length_in_search, check_length,
-            length_tolerance_sd, chi2_limits, min_probability, min_ratio, ratio_mode,
-            residual, ambiguity, row,
-        )  # fmt: skip
-        geometry_dops(first, last, phase_design, phase_group, b_free[0], row)
-        if code != R_OK:
-            verdict = code
-        reason[e] = verdict
-        if verdict == R_OK:
-            status[e] = S_FIXED
+            residual[i] = np.nan
+            ambiguity[i] = np.nan
+        if row[FOUND] > 0:
+            for i in range(m):
+                residual[index[i]] = res[i]
+                ambiguity[index[i]] = amb[i]

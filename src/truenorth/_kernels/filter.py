@@ -8,7 +8,9 @@ is marginalised. Each epoch adds
     M <- M + s (L W L - L W H (H' W H + N_code)^-1 H' W L)
 
 with W the weights centred in each group, L the wavelengths, H the design, and s = min(1, dt / tau)
-the share of the epoch that is new when the noise (multipath) is correlated over tau.
+the share of the epoch that is new when the noise (multipath) is correlated over tau. The memory
+also fades, so that it never weighs more than a stated number of epochs: multipath of a standing
+antenna does not average out.
 """
 
 import numpy as np
@@ -16,14 +18,12 @@ import numpy as np
 from .baseline import (
     BX,
     COST,
-    COV,
     FLOAT_COV,
     FLOAT_X,
     FOUND,
     N_PHASES,
     NODES,
     PROBABILITY,
-    R_NO_CANDIDATE,
     R_NO_CODE,
     R_OK,
     R_TOO_FEW_SATELLITES,
@@ -125,7 +125,7 @@ def run_filter(
     code_start, code_y, code_design, code_variance, code_group,
     length, length_variance, use_length_in_search, check_length, length_tolerance_sd, kappa,
     cap_factor, margin, max_nodes, chi2_limits, min_probability, ratio_mode, min_ratio,
-    correlation_s, hold, min_epochs_to_fix, memory_on,
+    correlation_s, memory_epochs, hold, min_epochs_to_fix,
     residual, ambiguity, out, status, reason, events, event_numbers,
 ):  # fmt: skip
     """Run the filter over all epochs in the order given.
@@ -146,6 +146,7 @@ def run_filter(
     candidate = np.zeros(n_arcs)
     votes = np.zeros(n_arcs, np.int64)
     wins = 0
+    weight = 0.0
     n_slots = 0
     n_events = 0
     max_events = len(events)
@@ -165,7 +166,8 @@ def run_filter(
         first, last = start[e], start[e + 1]
         m = last - first
         row = out[e]
-        row[:] = np.nan
+        for k in range(len(row)):
+            row[k] = np.nan
         status[e] = S_NONE
         reason[e] = R_TOO_FEW_SATELLITES
         for i in range(first, last):
@@ -176,6 +178,7 @@ def run_filter(
             share = min(1.0, abs(time_s[e] - time_s[e - 1]) / correlation_s)
         if n_slots == 0:
             share = 1.0
+            weight = 0.0
 
         # Arcs that left are marginalised, new ones get an empty slot.
         for i in range(first, last):
@@ -201,9 +204,11 @@ def run_filter(
                 n_slots += 1
 
         # Code of this epoch.
-        info_code[:, :] = 0.0
-        rhs_code[:] = 0.0
-        _, code_dof = add_groups(
+        for r in range(3):
+            rhs_code[r] = 0.0
+            for c in range(3):
+                info_code[r, c] = 0.0
+        add_groups(
             code_start[e], code_start[e + 1], code_y, code_design, code_variance, code_group, info_code, rhs_code
         )
         if invert_3(info_code, nb_inverse):
@@ -349,6 +354,7 @@ def run_filter(
                 for t in range(n_slots):
                     memory[s, t] = 0.0
             wins = 0
+            weight = 0.0
             share = 1.0
 
         if done:
@@ -427,8 +433,8 @@ def run_filter(
                     first, m, n, y, design, wavelength, variance, group, arc, slot_of_arc, memory, vector,
                     w, hc, yc, weight_of, is_reference, nb_inverse, rhs, mu, info_code, info_total,
                     length, length_variance, use_length_in_search, check_length, length_tolerance_sd,
-                    cap_factor, margin, max_nodes, chi2_limits, min_probability, ratio_mode, min_ratio,
-                    b_con, b_free, candidate, votes, residual, ambiguity, row,
+                    cap_factor * (1.0 + weight), margin, max_nodes, chi2_limits, min_probability, ratio_mode,
+                    min_ratio, b_con, b_free, candidate, votes, residual, ambiguity, row,
                 )  # fmt: skip
                 reason[e] = verdict
                 if verdict == R_OK:
@@ -452,9 +458,18 @@ def run_filter(
                     wins = 0
             if released and status[e] != S_FIXED:
                 reason[e] = R_HOLD_RELEASED
-        geometry_dops(first, last, design, group, row[BX : BX + 3] if status[e] >= S_HELD else b_float, row)
+        if status[e] >= S_HELD:
+            for r in range(3):
+                b_float[r] = row[BX + r]
+        geometry_dops(first, last, design, group, b_float, row)
 
-        if memory_on and invert_3(info_total, nb_inverse):
+        if invert_3(info_total, nb_inverse):
+            fade = 1.0 - share / memory_epochs if weight > 0.0 else 1.0
+            weight = fade * weight + share
+            for s in range(n_slots):
+                vector[s] *= fade
+                for t in range(n_slots):
+                    memory[s, t] *= fade
             _remember(
                 first, m, wavelength, group, arc, slot_of_arc, w, hc, yc, weight_of, nb_inverse, rhs,
                 share, memory, vector,

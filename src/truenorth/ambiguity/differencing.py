@@ -65,16 +65,18 @@ class SingleDifferences:
         Of the single differences.
     elevation_rad, azimuth_rad : ndarray, shape (n_rows,)
         Direction of the satellite from the base.
-    doppler_m : ndarray, shape (n_rows,)
-        Single-difference range rate from Doppler minus model, m/s; NaN where missing.
+    doppler_mps : ndarray, shape (n_rows,)
+        Single-difference range rate from Doppler, m/s; NaN where missing.
     lli : ndarray of uint8, shape (n_rows,)
         Loss-of-lock bits of both receivers, or'ed.
     integer_ok : ndarray of bool, shape (n_rows,)
         Phases whose ambiguity is an integer (not GLONASS FDMA unless calibrated).
     group_names : tuple of str
         For example ``"G 1C"`` or ``"C 2I"``.
-    group_channel : ndarray, shape (n_rows,)
-        GLONASS channel, 0 elsewhere.
+    glonass_channel : ndarray, shape (n_rows,)
+        Frequency channel of GLONASS FDMA rows, 0 elsewhere.
+    base_row, rover_row : ndarray of int64, shape (n_rows,)
+        Rows of the raw observations.
     """
 
     time_ns: np.ndarray
@@ -100,6 +102,8 @@ class SingleDifferences:
     integer_ok: np.ndarray
     group_names: tuple[str, ...]
     glonass_channel: np.ndarray
+    base_row: np.ndarray
+    rover_row: np.ndarray
 
     @property
     def n_epochs(self):
@@ -420,6 +424,8 @@ def build_single_differences(base, rover, base_point, rover_point, settings):
         integer_ok=integer_ok[order],
         group_names=tuple(names),
         glonass_channel=channel[order],
+        base_row=base_row[order],
+        rover_row=rover_row[order],
     )
 
 
@@ -438,11 +444,12 @@ def _troposphere_difference(base_m, rover_m, elevation, approximate):
     """Zenith delay by the height difference, mapped; only long baselines have one worth a name."""
     if not np.any(approximate):
         return 0.0
-    from ..orbits.atmosphere import troposphere_delay_m
+    from ..orbits.atmosphere import saastamoinen_delay_m
 
-    _, _, base_height = geodetic_from_ecef(base_m)
+    latitude, _, base_height = geodetic_from_ecef(base_m)
     _, _, rover_height = geodetic_from_ecef(rover_m)
-    return troposphere_delay_m(rover_height, elevation) - troposphere_delay_m(base_height, elevation)
+    rover_delay = saastamoinen_delay_m(latitude, rover_height, elevation)
+    return rover_delay - saastamoinen_delay_m(latitude, base_height, elevation)
 
 
 def _no_common_epochs(base, rover, settings):

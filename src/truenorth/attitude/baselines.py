@@ -13,7 +13,7 @@ from ..ambiguity.resolution import resolve_epochs
 from ..config import GnssSettings
 from ..errors import ConfigError, NoSolutionError, Status
 from ..frames import azimuth_elevation_from_enu
-from .solution import BaselineSolution
+from .solution import BaselineSolution, EpochEvent
 
 __all__ = ["solve_baseline"]
 
@@ -76,7 +76,7 @@ def solve_baseline(base, rover, navigation=(), *, length_m=None, settings=None, 
     base_point = solve_single_point(base, navigation, **options)
     rover_point = solve_single_point(rover, navigation, **options)
     differences = build_single_differences(base, rover, base_point, rover_point, settings)
-    resolved = resolve_epochs(differences, settings, progress=progress)
+    resolved = resolve_epochs(differences, base, rover, settings, progress=progress)
     solution = _assemble(differences, resolved, settings)
     seconds["solve"] = time.perf_counter() - clock
     object.__setattr__(solution, "seconds", seconds)
@@ -183,6 +183,7 @@ def _assemble(differences, resolved, settings):
         residual_azimuth_rad=d.azimuth_rad[row],
         residual_integer_cyc=r.integer_cyc[accepted_row],
         residual_is_reference=first[accepted_row],
+        events=tuple(EpochEvent(*event) for event in sorted(r.events, key=lambda event: event[0])),
     )
 
 

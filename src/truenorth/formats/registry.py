@@ -11,7 +11,16 @@ from typing import Any
 
 from ..errors import FormatError
 
-__all__ = ["FORMATS", "Format", "identify", "read", "read_navigation", "read_observations", "sniff", "sniff_bytes"]
+__all__ = [
+    "FORMATS",
+    "Format",
+    "identify",
+    "read",
+    "read_navigation",
+    "read_observations",
+    "sniff",
+    "sniff_bytes",
+]
 
 _LOOK_AT = 4096
 

@@ -1,0 +1,191 @@
+"""Compiled detection of cycle slips between consecutive epochs of single differences.
+
+    d_i = y_i(t) - y_i(t0) = H_i db + dclock + e_i
+
+The change of the baseline db and of the receiver clocks is common to all satellites, so a slip
+stands out by whole cycles. For a short baseline db is bounded by the length, which serves as a
+weak observation and keeps the test alive with few satellites.
+"""
+
+import numpy as np
+
+from .jit import kernel
+
+SLIP_TIME_DIFFERENCE = 1
+SLIP_GEOMETRY_FREE = 2
+SLIP_DOPPLER = 3
+
+
+@kernel
+def detect_slips(
+    start, y, design, variance, wavelength, band_key, previous, doppler, dt_s, baseline_sd_m, limit_sd,
+    slip, statistic, limit,
+):  # fmt: skip
+    """Flag rows whose phase jumped since the row `previous` (-1 where there is none).
+
+    Parameters
+    ----------
+    start : ndarray of int64
+        Row offsets of the epochs.
+    y, design, variance, wavelength : ndarray
+        Single differences, metres.
+    band_key : ndarray of int64
+        Satellite of each row, for the geometry-free combination of its bands.
+    previous : ndarray of int64
+        Row of the same arc at its last epoch.
+    doppler : ndarray
+        Single-difference range rate, m/s, NaN where missing; its clock drift is common.
+    dt_s : ndarray
+        Time since the previous row.
+    baseline_sd_m : float
+        How far the baseline may change between epochs.
+    limit_sd : float
+        Multiple of the standard deviation that counts as a slip (and at least a quarter cycle).
+    slip, statistic, limit : ndarray
+        Outputs: kind of slip (0 none), residual and its limit, metres.
+    """
+    n_epochs = len(start) - 1
+    normal = np.empty((4, 4))
+    rhs = np.empty(4)
+    factor = np.empty((4, 4))
+    x = np.empty(4)
+    for e in range(n_epochs):
+        first, last = start[e], start[e + 1]
+        m = 0
+        for i in range(first, last):
+            slip[i] = 0
+            if previous[i] >= 0:
+                m += 1
+        if m < 2:
+            continue
+        index = np.empty(m, np.int64)
+        d = np.empty(m)
+        v = np.empty(m)
+        alive = np.ones(m, np.bool_)
+        m = 0
+        for i in range(first, last):
+            p = previous[i]
+            if p >= 0:
+                index[m] = i
+                d[m] = y[i] - y[p]
+                v[m] = variance[i] + variance[p]
+                m += 1
+        # Robust start: the clock change is the median.
+        clock = np.median(d)
+        n_alive = m
+        while n_alive >= 2:
+            for a in range(4):
+                rhs[a] = 0.0
+                for b in range(4):
+                    normal[a, b] = 0.0
+            for a in range(3):
+                normal[a, a] = 1.0 / (baseline_sd_m * baseline_sd_m)
+            normal[3, 3] = 1e-12
+            for k in range(m):
+                if not alive[k]:
+                    continue
+                w = 1.0 / v[k]
+                i = index[k]
+                value = d[k] - clock
+                for a in range(3):
+                    rhs[a] += w * design[i, a] * value
+                    normal[3, a] += w * design[i, a]
+                    for b in range(a + 1):
+                        normal[a, b] += w * design[i, a] * design[i, b]
+                rhs[3] += w * value
+                normal[3, 3] += w
+            _cholesky_4(normal, factor)
+            _solve_4(factor, rhs, x)
+            worst = -1
+            largest = 0.0
+            for k in range(m):
+                if not alive[k]:
+                    continue
+                i = index[k]
+                r = d[k] - clock - x[3] - design[i, 0] * x[0] - design[i, 1] * x[1] - design[i, 2] * x[2]
+                bound = max(limit_sd * np.sqrt(v[k]), 0.25 * wavelength[i])
+                statistic[i] = r
+                limit[i] = bound
+                if abs(r) / bound > largest:
+                    largest = abs(r) / bound
+                    worst = k
+            if largest <= 1.0:
+                break
+            alive[worst] = False
+            slip[index[worst]] = SLIP_TIME_DIFFERENCE
+            n_alive -= 1
+        # Removed rows get the statistic of the clean adjustment.
+        for k in range(m):
+            i = index[k]
+            if not alive[k]:
+                r = d[k] - clock - x[3] - design[i, 0] * x[0] - design[i, 1] * x[1] - design[i, 2] * x[2]
+                statistic[i] = r
+                if abs(r) <= limit[i]:
+                    slip[i] = 0
+        # Two bands of one satellite must move together, whatever the baseline does.
+        for k in range(m):
+            for q in range(k + 1, m):
+                i, j = index[k], index[q]
+                if band_key[i] == band_key[j] and slip[i] == 0 and slip[j] == 0:
+                    r = d[k] - d[q]
+                    bound = max(limit_sd * np.sqrt(v[k] + v[q]), 0.05)
+                    if abs(r) > bound:
+                        slip[i] = SLIP_GEOMETRY_FREE
+                        slip[j] = SLIP_GEOMETRY_FREE
+                        statistic[i] = r
+                        statistic[j] = -r
+                        limit[i] = bound
+                        limit[j] = bound
+        # With too few satellites for the test above, Doppler predicts the change (Harvey 1998, 3.5).
+        if n_alive < 5:
+            rate = np.empty(m)
+            n_rate = 0
+            for k in range(m):
+                i = index[k]
+                p = previous[i]
+                value = d[k] - 0.5 * (doppler[i] + doppler[p]) * dt_s[i]
+                if value == value:
+                    rate[n_rate] = value
+                    n_rate += 1
+            if n_rate >= 2:
+                centre = np.median(rate[:n_rate])
+                for k in range(m):
+                    i = index[k]
+                    p = previous[i]
+                    r = d[k] - 0.5 * (doppler[i] + doppler[p]) * dt_s[i] - centre
+                    # 5 cm/s of Doppler noise at each end of each receiver.
+                    bound = max(0.75 * wavelength[i], limit_sd * 0.1 * dt_s[i])
+                    if abs(r) > bound and slip[i] == 0:
+                        slip[i] = SLIP_DOPPLER
+                        statistic[i] = r
+                        limit[i] = bound
+
+
+@kernel
+def _cholesky_4(a, factor):
+    """Lower Cholesky factor of a 4 x 4 matrix given by its lower triangle."""
+    for j in range(4):
+        total = a[j, j]
+        for k in range(j):
+            total -= factor[j, k] * factor[j, k]
+        factor[j, j] = np.sqrt(max(total, 1e-300))
+        for i in range(j + 1, 4):
+            total = a[i, j]
+            for k in range(j):
+                total -= factor[i, k] * factor[j, k]
+            factor[i, j] = total / factor[j, j]
+
+
+@kernel
+def _solve_4(factor, rhs, x):
+    """Solve with the factor of `_cholesky_4`."""
+    for i in range(4):
+        total = rhs[i]
+        for k in range(i):
+            total -= factor[i, k] * x[k]
+        x[i] = total / factor[i, i]
+    for i in range(3, -1, -1):
+        total = x[i]
+        for k in range(i + 1, 4):
+            total -= factor[k, i] * x[k]
+        x[i] = total / factor[i, i]
