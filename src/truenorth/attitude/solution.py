@@ -80,9 +80,10 @@ class BaselineSolution:
         Single-difference phase residuals of accepted epochs, metres.
     residual_elevation_rad, residual_azimuth_rad : ndarray of float64, shape (m,)
         Where that satellite stood.
-    integers_epoch : ...
-        See ``residual_*``; ``residual_integer_cyc`` holds the double-difference integer of the row
-        against its group's reference satellite (NaN for float), ``residual_is_reference`` marks it.
+    residual_integer_cyc : ndarray of float64, shape (m,)
+        Double-difference integer of the row against its group's reference satellite; NaN for float.
+    residual_is_reference : ndarray of bool, shape (m,)
+        The row is the reference satellite of its group.
     settings : dict
         Effective settings, every default included.
     inputs : dict
