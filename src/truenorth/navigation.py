@@ -6,8 +6,10 @@ Precise orbits are positions and clocks at regular epochs. `build_navigation` an
 `merge_navigation` are the ways to make a `Navigation`: they sort and remove duplicates.
 """
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 
@@ -218,15 +220,17 @@ class PreciseOrbits:
     path: str = ""
 
     @property
-    def n_epochs(self):
+    def n_epochs(self) -> int:
         """int: Number of epochs."""
         return len(self.time_ns)
 
     @property
-    def n_sats(self):
+    def n_sats(self) -> int:
         """int: Number of satellites."""
         return len(self.sat)
 
+
+_Columns = dict[str, np.ndarray]
 
 _KEPLER_DTYPES = {
     "sat": np.int16,
@@ -247,7 +251,9 @@ _STATE_DTYPES = {
 }
 
 
-def _unique_in_order(columns, values, identity, order):
+def _unique_in_order(
+    columns: _Columns, values: np.ndarray, identity: tuple[str, ...], order: tuple[str, ...]
+) -> tuple[_Columns, np.ndarray]:
     """Remove rows that repeat all of `identity` and `values`; then sort by `order` (major first).
 
     Of repeated rows the one transmitted first stays.
@@ -267,7 +273,7 @@ def _unique_in_order(columns, values, identity, order):
     return columns, np.ascontiguousarray(values[sequence])
 
 
-def _make_kepler(columns, elements):
+def _make_kepler(columns: _Columns, elements: np.ndarray) -> KeplerEphemerides:
     columns, elements = _unique_in_order(
         columns,
         elements,
@@ -277,14 +283,16 @@ def _make_kepler(columns, elements):
     return KeplerEphemerides(**columns, elements=elements)
 
 
-def _make_states(columns, states):
+def _make_states(columns: _Columns, states: np.ndarray) -> StateEphemerides:
     columns, states = _unique_in_order(
         columns, states, ("sat", "toe_ns", "channel", "health"), ("sat", "toe_ns", "transmission_ns")
     )
     return StateEphemerides(**columns, states=states)
 
 
-def _columns_from_rows(rows, dtypes, width, what):
+def _columns_from_rows(
+    rows: Iterable[tuple[Any, ...]], dtypes: Mapping[str, Any], width: int, what: str
+) -> tuple[_Columns, np.ndarray]:
     rows = list(rows)
     for row in rows:
         if len(row) != len(dtypes) + 1 or len(row[-1]) != width:
@@ -298,15 +306,15 @@ def _columns_from_rows(rows, dtypes, width, what):
 
 
 def build_navigation(
-    kepler_rows=(),
-    state_rows=(),
+    kepler_rows: Iterable[tuple[Any, ...]] = (),
+    state_rows: Iterable[tuple[Any, ...]] = (),
     *,
-    klobuchar=None,
-    nequick=None,
-    leap_seconds=None,
-    skipped=None,
-    paths=(),
-):
+    klobuchar: Mapping[str, np.ndarray] | None = None,
+    nequick: np.ndarray | None = None,
+    leap_seconds: int | None = None,
+    skipped: Mapping[str, int] | None = None,
+    paths: Iterable[str] = (),
+) -> Navigation:
     """Make a `Navigation` from single ephemerides: sorted, without duplicates.
 
     Parameters
@@ -340,7 +348,7 @@ def build_navigation(
     )
 
 
-def merge_navigation(*navigations):
+def merge_navigation(*navigations: Navigation) -> Navigation:
     """Join navigation data: all ephemerides sorted, each once.
 
     Ionosphere coefficients and leap seconds come from the first argument that has them; counts of
@@ -357,7 +365,9 @@ def merge_navigation(*navigations):
     """
     if len(navigations) == 1:
         return navigations[0]
-    klobuchar, skipped, paths = {}, {}, []
+    klobuchar: dict[str, np.ndarray] = {}
+    skipped: dict[str, int] = {}
+    paths: list[str] = []
     nequick = leap = None
     for navigation in navigations:
         klobuchar = {**navigation.klobuchar, **klobuchar}
@@ -367,7 +377,7 @@ def merge_navigation(*navigations):
         for kind, count in navigation.skipped.items():
             skipped[kind] = skipped.get(kind, 0) + count
 
-    def joined(table, name, dtype, width=None):
+    def joined(table: str, name: str, dtype: Any, width: int | None = None) -> np.ndarray:
         parts = [getattr(getattr(navigation, table), name) for navigation in navigations]
         empty = np.empty(0 if width is None else (0, width), dtype=dtype)
         return np.concatenate([empty, *parts]).astype(dtype)
