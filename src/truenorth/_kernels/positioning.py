@@ -46,8 +46,8 @@ N_ROW = 10
 
 # Entries of `settings`.
 MASK, CODE_VAR, CODE_VAR_EL, IONO_SHARE, TROPO_SD = range(5)
-RATE_VAR, RATE_VAR_EL, HUMIDITY, MAX_PDOP, MAX_REJECTED = range(5, 10)
-N_SETTINGS = 10
+RATE_VAR, RATE_VAR_EL, HUMIDITY, MAX_PDOP, MAX_REJECTED, IONO_APPLIED = range(5, 11)
+N_SETTINGS = 11
 
 # Columns of `epoch`: position; clock of the reference group, of all groups; DOPs (G, P, H, V, T);
 # velocity and drift; the two square sums; the two 4 x 4 covariances.
@@ -71,6 +71,9 @@ _MASK_ITERATIONS = 10
 """After so many iterations the set of satellites above the mask is frozen, lest it toggle for ever."""
 _LOST_VAR_M2 = 100.0**2
 """Variance of a code while the place is not yet on the Earth, so that gross errors can be found."""
+_MIN_OUTLIER = 4.0
+"""Normalised residuals up to this remove nothing: when many are somewhat large the weights are
+wrong, not one satellite."""
 _MIN_SINE = 0.05
 """Noise grows with 1/sin(elevation) down to 3 degrees."""
 
@@ -81,7 +84,7 @@ def adjust(design, y, weight, m, n, inverse, step):
 
     Rows of weight 0 take no part but get a residual. The covariance of the unknowns goes to
     ``inverse``. Returns the square sum of the weighted residuals (NaN when singular) and the row with
-    the largest normalised residual (-1: none).
+    the largest normalised residual (-1: none above `_MIN_OUTLIER`).
     """
     for i in range(n):
         for j in range(n):
@@ -120,7 +123,7 @@ def adjust(design, y, weight, m, n, inverse, step):
                 step[i] += gain * weight[r] * y[r]
     chi2 = 0.0
     worst = -1
-    largest = 0.0
+    largest = _MIN_OUTLIER**2
     for r in range(m):
         explained = 0.0
         for i in range(n):
@@ -132,7 +135,7 @@ def adjust(design, y, weight, m, n, inverse, step):
             chi2 += square
             # Redundancy number: share of an error that its own residual shows.
             redundancy = 1.0 - weight[r] * explained
-            if redundancy > 1e-6 and square > largest * redundancy:
+            if redundancy > 1e-3 and square > largest * redundancy:
                 largest = square / redundancy
                 worst = r
     return chi2, worst
@@ -170,7 +173,7 @@ def local_directions(lo, hi, x, given, day_s, klobuchar, settings, row, up_ecef)
         if iono_m != 0.0:
             iono_m *= klobuchar_delay(klobuchar, lat, lon, azimuth, max(elevation, 0.0), day_s)
         mapping = troposphere_mapping(up)
-        row[k, DELAY] = iono_m + zenith_m * mapping
+        row[k, DELAY] = settings[IONO_APPLIED] * iono_m + zenith_m * mapping
         sine = max(up, _MIN_SINE)
         row[k, VARIANCE] = (
             (settings[CODE_VAR] + settings[CODE_VAR_EL] / (sine * sine)) * given[k, NOISE_SCALE]

@@ -14,11 +14,12 @@ model scaled by ``(f_L1 / f)^2``; troposphere: Saastamoinen (`truenorth.orbits.a
 relates the Doppler D to velocity and clock drift, with no term left out above a micrometre per
 second but the change of the atmosphere. Weighted least squares by Gauss-Newton; the weights are
 
-    var = (a^2 + b^2 / sin^2 el) 10^((C0 - C/N0) s / 10) + sis^2 + (0.3 I)^2 + (0.1 m * m(el))^2
+    var = (a^2 + b^2 / sin^2 el) 10^((C0 - C/N0) s / 10) + sis^2 + (I / 2)^2 + (0.1 m * m(el))^2
 
-with a, b, C0, s of `truenorth.config.StochasticSettings` and sis the error of orbit and clock.
+(Klobuchar's model takes away about half of the ionosphere) with a, b, C0, s of `truenorth.config.StochasticSettings` and sis the error of orbit and clock.
 When the chi-square test of the residuals fails and the redundancy allows it, the observation with
-the largest normalised residual is removed and the adjustment repeated (Baarda's data snooping).
+the largest normalised residual, if above 4, is removed and the adjustment repeated (Baarda's data
+snooping).
 
 References
 ----------
@@ -73,8 +74,9 @@ order. Band 1 first, because single-frequency users' group delays and the ionosp
 defined there; the civil code first, because every receiver has it. Attributes that are not listed
 come last in their band, bands that are not listed are not used."""
 
-SIGNAL_IN_SPACE_SD_M = {"G": 0.6, "R": 2.0, "E": 0.4, "C": 1.0, "J": 1.2, "I": 2.5, "S": 3.0}
-"""Range error of broadcast orbit and clock, one sigma (Montenbruck et al. 2018, GPS Solutions 22:7)."""
+SIGNAL_IN_SPACE_SD_M = {"G": 1.0, "R": 2.5, "E": 0.7, "C": 1.5, "J": 1.5, "I": 2.5, "S": 3.0}
+"""Range error of broadcast orbit, clock and group delay, one sigma: somewhat above the figures of
+Montenbruck et al. 2018, Advances in Space Research 61(8), to hold for data of 2010 too."""
 
 _URA_NOMINAL_M = 3.0
 """A stated accuracy above this replaces `SIGNAL_IN_SPACE_SD_M`; up to it, it is only a ceiling."""
@@ -379,7 +381,7 @@ def solve_single_point(
     doppler_sd_mps=0.05,
     ionosphere="klobuchar",
     humidity=0.7,
-    significance=1e-3,
+    significance=1e-4,
     max_rejected=6,
     max_pdop=30.0,
     initial_position_ecef_m=None,
@@ -403,7 +405,8 @@ def solve_single_point(
     doppler_sd_mps : float
         Noise of the range rate, in the same form: ``sd^2 (1 + 1 / sin^2 el)`` times the C/N0 factor.
     ionosphere : {"klobuchar", "off"}
-        ``klobuchar`` uses the coefficients of the navigation data, nothing where it has none.
+        ``klobuchar`` uses the coefficients of the navigation data; where it has none, nothing is
+        corrected and the weights allow for that. ``off`` takes the data to be free of it.
     humidity : float
         Relative humidity of the standard atmosphere, 0 to 1.
     significance : float
@@ -479,7 +482,7 @@ def solve_single_point(
             states.position_ecef_m,
             states.velocity_ecef_mps,
             code_m + SPEED_OF_LIGHT_MPS * (states.clock_s - np.nan_to_num(delay_s)),
-            np.zeros(len(sat)) if coefficients is None else (_F_L1_HZ / carrier_hz) ** 2,
+            np.zeros(len(sat)) if ionosphere == "off" else (_F_L1_HZ / carrier_hz) ** 2,
             noise_scale,
             _signal_in_space_variance(sat, states.ephemeris_index, navigation),
             (1.0 + wavelength_m * doppler_hz / SPEED_OF_LIGHT_MPS) / (1.0 + states.clock_drift_sps),
@@ -491,13 +494,15 @@ def solve_single_point(
         math.radians(elevation_mask_deg),
         stochastic.code_sd_m**2,
         stochastic.code_elevation_sd_m**2,
-        0.3,
+        # Without coefficients the ionosphere is in the noise: twice the model's 5 ns, 3 m at the zenith.
+        2.0 if coefficients is None else 0.5,
         0.1,
         doppler_sd_mps**2,
         doppler_sd_mps**2,
         humidity,
         max_pdop,
         float(max_rejected),
+        0.0 if coefficients is None else 1.0,
     )
     result = _run_kernel(
         observations.time_ns,
@@ -553,6 +558,7 @@ def _run_kernel(time_ns, start, sat, given, is_usable, klobuchar, settings, sign
     status[lacking & (n_candidates < 4) & (n_code >= 4)] = kernels.NO_NAVIGATION
     status[lacking & (n_code == 0)] = kernels.NO_CODE
     solved = np.isin(status, (kernels.OK, kernels.INCONSISTENT))
+    epoch[~solved, kernels.CHI2 :] = np.nan
     count[~solved, kernels.RATE_STATUS] = status[~solved]
     return flag, row, epoch, count
 
