@@ -73,8 +73,7 @@ def azimuth_deg(sets, k=0):
 
 
 def filter_case(length_m, sd_rad, *, seed, n_epochs=1000, n_satellites=4, sky_phase_rad=0.0, interval_s=1.0):
-    """One run of the two Kalman filters: epoch of the first fix, last resolution, true integers, "
-    "estimator."""
+    """One run of the two Kalman filters: first fixed epoch, last resolution, true integers, estimator."""
     rng = np.random.default_rng(seed)
     rays = directions_enu(np.arange(n_epochs) * interval_s, phase_rad=sky_phase_rad)
     rays = rays[:, highest(rays[n_epochs // 2], n_satellites)]

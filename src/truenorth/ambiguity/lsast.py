@@ -73,6 +73,9 @@ class LsastOptions:
         all of them from the primary baseline.
     residual_significance : float
         False-alarm rate of the chi-square test.
+    drop_significance : float
+        False-alarm rate of the same test where it drops a candidate from the memory; smaller, since
+        one bad epoch should not lose the right set.
     residual_tails : {"upper", "both"}
         ``both`` also rejects residuals that are too small (Harvey 1998, (4.8)).
     ratio_threshold : float
@@ -98,6 +101,7 @@ class LsastOptions:
     code_sigmas: float = 5.0
     secondary_rounding: str = "sequential"
     residual_significance: float = 1e-3
+    drop_significance: float = 1e-5
     residual_tails: str = "upper"
     ratio_threshold: float = 3.0
     single_candidate: str = "refuse"
@@ -568,7 +572,9 @@ class LeastSquaresSearch:
             return None
         integers, sums = integers[keep], sums[keep] + objective[keep]
         baseline, objective = baseline[keep], objective[keep]
-        low, high = self._limits(problem)
+        low, high = chi2_limits(
+            problem.n_phases - 3, self.options.drop_significance, self.options.residual_tails
+        )
         order = np.argsort(sums, kind="stable")
         passed = (objective[order] >= low) & (objective[order] <= high)
         if not passed.any():
