@@ -258,7 +258,11 @@ def _unique_in_order(
 
     Of repeated rows the one transmitted first stays.
     """
-    sequence = np.lexsort([columns["transmission_ns"], *(columns[name] for name in reversed(identity))])
+    # A checksum of the values brings equal rows together; whether they are equal is then compared.
+    weights = np.arange(1, 2 * values.shape[1], 2, dtype=np.int64) * 0x9E3779B97F4A7C1
+    checksum = np.sum(np.ascontiguousarray(values).view(np.int64) * weights, axis=1)
+    keys = [checksum, *(columns[name] for name in reversed(identity))]
+    sequence = np.lexsort([columns["transmission_ns"], *keys])
     columns = {name: column[sequence] for name, column in columns.items()}
     values = np.ascontiguousarray(values[sequence])
     bits = values.view(np.int64)

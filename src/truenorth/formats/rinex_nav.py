@@ -298,12 +298,10 @@ def _split_unnamed(text, file_system, skipped):
             lines[index] = b""
             continue
         starts.append(index)
-    if starts:
-        first = starts[0]
-        for index in range(text.first_data_line, first):
-            if lines[index].strip():
-                raise text.error(index, "a number line stands before the first record; the file is damaged")
-    ends = [*starts[1:], len(lines)]
+    for index in range(text.first_data_line, starts[0] if starts else len(lines)):
+        if lines[index].strip():
+            raise text.error(index, "a number line stands before the first record; the file is damaged")
+    ends = [*starts, len(lines)][1:]
     for index, end in zip(starts, ends, strict=True):
         if version >= 3.0:
             sat = _parse_sat(text, index, lines[index][:3])
@@ -322,7 +320,7 @@ def _split_named(text, skipped):
         if lines[index].strip():
             raise text.error(index, "a line stands before the first `>` record; the file is damaged")
     groups, ionosphere = {}, []
-    for index, end in zip(starts, [*starts[1:], len(lines)], strict=True):
+    for index, end in zip(starts, [*starts, len(lines)][1:], strict=True):
         words = lines[index].decode("ascii", "replace").split()
         if len(words) < 4:
             if end == len(lines):
