@@ -20,6 +20,7 @@ de Lacy et al. 2002, J. Geodesy 76:82-94, and Teunissen 2003, J. Geodesy 77:402-
 Stegun 1964, 6.5.29, 6.5.31, 26.4.17.
 """
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -391,6 +392,7 @@ def chi2_sf(x, dof):
     return _gamma_shares(0.5 * dof, 0.5 * x)[1]
 
 
+@functools.lru_cache(maxsize=1024)
 def chi2_quantile(probability, dof, *, upper=False):
     """Quantile of the chi-square distribution.
 
@@ -447,11 +449,12 @@ def chi2_quantile(probability, dof, *, upper=False):
         delta = (
             sign * share * math.log(share / probability) / math.exp(log_density) if share > 0.0 else math.inf
         )
+        if abs(delta) <= 1e-9 * x:
+            # Newton squares the error, so this step ends at the rounding.
+            return x - delta
         new = x - delta
         if not low < new < high:
             new = 0.5 * (low + high) if math.isfinite(high) else 2.0 * x
-        if abs(new - x) <= 1e-13 * x:
-            return new
         x = new
     return x
 
