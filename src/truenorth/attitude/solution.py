@@ -94,6 +94,8 @@ class BaselineSolution:
         Every decision, in time order.
     seconds : dict of str to float
         Wall time of read, compile, solve, write.
+    length_check : dict
+        Declared against measured length, see `truenorth.attitude.length_check.compare_length`.
     """
 
     time_ns: np.ndarray
@@ -134,6 +136,7 @@ class BaselineSolution:
     warnings: tuple[str, ...] = ()
     events: tuple[EpochEvent, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
+    length_check: dict[str, Any] = field(default_factory=dict)
 
     @property
     def n_epochs(self) -> int:
@@ -155,3 +158,15 @@ class BaselineSolution:
         codes, counts = np.unique(self.reason, return_counts=True)
         order = np.argsort(-counts, kind="stable")
         return {Reason(int(codes[k])): int(counts[k]) for k in order}
+
+    def to_polars(self) -> Any:
+        """Table of one row per epoch, see `truenorth.export.to_polars`."""
+        from ..export import to_polars
+
+        return to_polars(self)
+
+    def to_xarray(self) -> Any:
+        """Labelled arrays with units along ``time``, see `truenorth.export.to_xarray`."""
+        from ..export import to_xarray
+
+        return to_xarray(self)
