@@ -162,7 +162,7 @@ def glonass(rng):
     frames[1].put(9, 7, 47)
     frames[3].put(70, 5, 7)
     for frame in frames[:3]:  # a radius of a real orbit
-        frame.put(51, 26, int(14_700 * 2**11) + rng.getrandbits(18))
+        frame.put(51, 26, (14_700 * 2**11) + rng.getrandbits(18))
     geph = pyrtklib.geph_t()
     # RTKLIB wants the day: 2023-09-19 08:30 UTC.
     day = pyrtklib.Arr1Ddouble(6)
