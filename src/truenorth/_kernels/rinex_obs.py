@@ -241,11 +241,11 @@ def _epoch_time(data, start, end, old):
 
 
 @kernel
-def _note(state, counter, at):
+def _note(counter, at):
     """Count something that could not be read, and keep the place of the first."""
-    state[counter] += 1
-    if state[counter + 1] < 0:
-        state[counter + 1] = at
+    counter[0] += 1
+    if counter[1] < 0:
+        counter[1] = at
 
 
 @kernel
@@ -301,12 +301,15 @@ def parse_body(
     line_stop = np.empty(_MAX_SATS * lines_per_sat, np.int64)
     values = np.empty(4)
     in_junk = False
+    bad_fields = state[BAD_FIELDS : BAD_FIELDS + 2]
+    bad_lines = state[BAD_LINES : BAD_LINES + 2]
+    short_epochs = state[SHORT_EPOCHS : SHORT_EPOCHS + 2]
     state[OUTCOME] = END
 
     while pos < size:
         end = _line_end(data, words, swift, pos, size)
         stop = end - 1 if end > pos and data[end - 1] == 13 else end
-        comment = stop > pos + 67 and (words[pos + 60] & _LABEL_MASK) == _COMMENT
+        comment = stop > pos + 66 and pos + 68 <= size and (words[pos + 60] & _LABEL_MASK) == _COMMENT
         k = pos
         while k < stop and data[k] == _SPACE:
             k += 1
@@ -344,7 +347,7 @@ def parse_body(
             break
         if flag < 0 or flag > 6 or count < 0 or time < 0:
             if not in_junk:
-                _note(state, BAD_LINES, pos)
+                _note(bad_lines, pos)
             in_junk = True
             pos = end + 1
             continue
@@ -361,7 +364,7 @@ def parse_body(
         if clock_at < clock_stop:
             clock, outcome = _decimal(data, clock_at, clock_stop, 1000.0)
             if outcome == 2:
-                _note(state, BAD_FIELDS, pos)
+                _note(bad_fields, pos)
             elif outcome == 0:
                 for k in range(clock_at, clock_stop):
                     if data[k] == _DOT:
@@ -395,7 +398,7 @@ def parse_body(
                     if system >= 0 and number > 0:
                         sats[k] = system * 100 + number
             if broken:
-                _note(state, BAD_LINES, epoch_at)
+                _note(bad_lines, epoch_at)
                 in_junk = True
                 continue
 
@@ -411,7 +414,7 @@ def parse_body(
                 end = _line_end(data, words, swift, pos, size)
                 stop = end - 1 if end > pos and data[end - 1] == 13 else end
                 # Calls with arrays cost, so look at single bytes before.
-                if stop > pos + 67 and (words[pos + 60] & _LABEL_MASK) == _COMMENT:
+                if stop > pos + 66 and pos + 68 <= size and (words[pos + 60] & _LABEL_MASK) == _COMMENT:
                     pos = end + 1
                     continue
                 if old:
@@ -456,12 +459,12 @@ def parse_body(
                 j += 1
             if not interrupted:
                 if sats[got] < 0:
-                    _note(state, BAD_LINES, epoch_at if old else line_start[got * lines_per_sat])
+                    _note(bad_lines, epoch_at if old else line_start[got * lines_per_sat])
                 got += 1
         state[LAST_GOT] = got
         state[LAST_EXPECTED] = count
         if got < count:
-            _note(state, SHORT_EPOCHS, epoch_at)
+            _note(short_epochs, epoch_at)
             if got == 0:
                 continue
 
@@ -484,7 +487,7 @@ def parse_body(
             if name < 0:
                 continue
             if name == previous:
-                _note(state, BAD_LINES, line_start[slot * lines_per_sat])
+                _note(bad_lines, line_start[slot * lines_per_sat])
                 continue
             previous = name
             system = name // 100
@@ -520,7 +523,7 @@ def parse_body(
                         values[o] = value
                         found = True
                     elif outcome == 2:
-                        _note(state, BAD_FIELDS, line_start[line])
+                        _note(bad_fields, line_start[line])
                     if o == 1 and at + 14 < line_stop[line]:
                         indicator = np.int64(data[at + 14]) - _ZERO
                         if indicator >= 0 and indicator <= 9:

@@ -464,7 +464,9 @@ def _lines(inventory):
         pairs.append(("clock offsets", "given" if inventory.has_clock_offsets else "none"))
     if inventory.n_epochs:
         missing = sum(gap.n_missing for gap in inventory.gaps)
-        pairs.append(("gaps", f"{len(inventory.gaps)}, {missing} epochs missing" if inventory.gaps else "none"))
+        pairs.append(
+            ("gaps", f"{len(inventory.gaps)}, {missing} epochs missing" if inventory.gaps else "none")
+        )
         for gap in inventory.gaps[:_SHOWN]:
             pairs.append(("", f"{gap.start_gpst} to {gap.end_gpst} ({gap.duration_s:g} s)"))
         if len(inventory.gaps) > _SHOWN:
@@ -521,8 +523,8 @@ def _signal_table(systems):
     if not any(system.signals for system in systems):
         return [f"  {system.name:<17}{' '.join(system.sats)}" for system in systems]
     lines = [
-        f"  {'system':<9}{'sats':>4}  {'signal':<6}{'sats':>5}{'rows':>9}{'code':>7}{'phase':>7}{'doppler':>9}"
-        f"{'C/N0':>7}{'mean':>7}{'slips':>7}{'half':>7}"
+        f"  {'system':<9}{'sats':>4}  {'signal':<6}{'sats':>5}{'rows':>9}{'code':>7}{'phase':>7}"
+        f"{'doppler':>9}{'C/N0':>7}{'mean':>7}{'slips':>7}{'half':>7}"
     ]
     for system in systems:
         start = f"  {system.name:<9}{len(system.sats):>4}  "

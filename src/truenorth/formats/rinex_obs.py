@@ -238,7 +238,8 @@ def _begins_body(line, old):
         and line[0] == " "
         and line[18:19] == "."
         and line[1:3].strip().isdigit()
-        and line[28:32].strip().isdigit()
+        and line[28] in " 0123456"
+        and line[29:32].strip().isdigit()
         and not (label.strip().isupper() and " / " in label)
     )
 
@@ -296,6 +297,8 @@ def _read_header_line(line, label, header, path, line_number):
             _read_types(body[:6], body[6:], "*", header, path, line_number)
         elif label == "SYS / # / OBS TYPES" and not header.old:
             _read_types(body[3:6], body[6:], body[:1], header, path, line_number)
+    except FormatError:
+        raise
     except (ValueError, IndexError):
         header.warnings.append(f"line {line_number}: '{label}' cannot be read and is ignored")
 
@@ -490,14 +493,13 @@ _ROW_COLUMNS = {
 
 def _read_body(data, body_at, header, path):
     """Run the kernel over the body, from event record to event record."""
-    import numba
-
     from .._kernels import rinex_obs as body
+    from .._kernels.jit import IS_COMPILED
 
     text = np.frombuffer(data, dtype=np.uint8)
     # The 64-bit integer at every byte, without a copy. Without the JIT its wrap-around would warn.
     words = np.ndarray((len(data) - 7,), dtype="<u8", buffer=data, strides=(1,))
-    swift = not numba.config.DISABLE_JIT and sys.byteorder == "little"
+    swift = IS_COMPILED and sys.byteorder == "little"
     state = np.zeros(body.STATE_SIZE, dtype=np.int64)
     state[body.POSITION] = body_at
     state[[body.BAD_FIELD_AT, body.BAD_LINE_AT, body.SHORT_EPOCH_AT]] = -1
@@ -513,8 +515,9 @@ def _read_body(data, body_at, header, path):
     while True:
         lines_per_sat, *columns = tables
         body.parse_body(
-            text, words, swift, state, header.old, header.version >= 4.01, blank_system, _LETTERS, lines_per_sat,
-            *columns, *epochs.values(), *rows.values(),
+            text, words, swift, state,
+            header.old, header.version >= 4.01, blank_system, _LETTERS, lines_per_sat, *columns,
+            *epochs.values(), *rows.values(),
         )  # fmt: skip
         if state[body.OUTCOME] == body.EVENT:
             if _take_event(data, state, header, lines_per_sat, events, path):
@@ -599,9 +602,8 @@ def _judge(data, body_at, state, header, path):
             place = _line_number(data, int(state[at]))
             header.warnings.append(what.format(int(state[count])) + f" (first in line {place})")
     if state[body.LAST_GOT] < state[body.LAST_EXPECTED]:
-        header.warnings.append(
-            f"the last epoch is cut off: {state[body.LAST_GOT]} of {state[body.LAST_EXPECTED]} satellites kept"
-        )
+        got, expected = state[body.LAST_GOT], state[body.LAST_EXPECTED]
+        header.warnings.append(f"the last epoch is cut off: {got} of {expected} satellites kept")
     if state[body.UNDECLARED] > 0:
         header.warnings.append(
             f"{state[body.UNDECLARED]} satellite lines of systems without declared observation types skipped"
