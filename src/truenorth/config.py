@@ -398,7 +398,9 @@ def _refuse_unknown(table: Any, kind: Any, prefix: str) -> None:
     for key, value in table.items():
         if key not in kinds:
             near = difflib.get_close_matches(key, kinds, n=1, cutoff=0.5)
-            hint = f"did you mean `{near[0]}`?" if near else "known are " + ", ".join(kinds)
+            hint = f"did you mean `{near[0]}`?" if near else "known are " + ", ".join(list(kinds)[:8])
+            if not near and len(kinds) > 8:
+                hint += " ... (the settings file beside any result holds them all)"
             raise ConfigError(f"`{prefix}{key}` is not a setting; {hint}", key=prefix + key, value=value)
         _refuse_unknown(value, kinds[key], f"{prefix}{key}.")
 

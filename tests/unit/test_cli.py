@@ -50,7 +50,7 @@ class Solver:
 @pytest.fixture
 def solver(monkeypatch):
     fake = Solver()
-    monkeypatch.setattr(truenorth.attitude, "solve_baseline", fake)
+    monkeypatch.setattr(truenorth.attitude.sessions, "solve_baseline", fake)
     return fake
 
 

@@ -255,12 +255,12 @@ def test_length_check_names_a_wrong_declared_length():
     assert summarize_solution(unknown)["length_check"]["verdict"] == "not declared"
 
 
-def test_length_check_uses_the_epochs_that_the_length_test_turned_down():
+def test_length_check_of_the_solver_comes_first():
     solution = make_solution(30, settings={"length_m": 1.19, "length_sd_m": 0.003})
     solution.status[:] = Status.FLOAT
     assert summarize_solution(solution)["length_check"]["verdict"] == "not measured"
-    solution.reason[:] = Reason.LENGTH_TEST
-    assert summarize_solution(solution)["length_check"]["verdict"] == "disagrees"
+    known = make_solution(30, length_check={"verdict": "disagrees"})
+    assert summarize_solution(known)["length_check"]["verdict"] == "disagrees"
 
 
 def test_settings_file_repeats_the_run(solution, tmp_path):

@@ -13,6 +13,7 @@ from ..ambiguity.resolution import resolve_epochs
 from ..config import GnssSettings
 from ..errors import ConfigError, NoSolutionError, Status
 from ..frames import azimuth_elevation_from_enu
+from .provenance import add_provenance
 from .solution import BaselineSolution, EpochEvent
 
 __all__ = ["solve_baseline"]
@@ -77,7 +78,10 @@ def solve_baseline(base, rover, navigation=(), *, length_m=None, settings=None, 
     rover_point = solve_single_point(rover, navigation, **options)
     differences = build_single_differences(base, rover, base_point, rover_point, settings)
     resolved = resolve_epochs(differences, base, rover, settings, progress=progress)
-    solution = _assemble(differences, resolved, settings)
+    solution = add_provenance(
+        _assemble(differences, resolved, settings),
+        differences, base, rover, navigation, settings, variance_factors=resolved.variance_factors,
+    )  # fmt: skip
     seconds["solve"] = time.perf_counter() - clock
     object.__setattr__(solution, "seconds", seconds)
     return solution

@@ -1,6 +1,8 @@
 """The result of a run over two antennas: one baseline per epoch, with all that is known about it."""
 
+import os
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -170,3 +172,33 @@ class BaselineSolution:
         from ..export import to_xarray
 
         return to_xarray(self)
+
+    def to_polars(self) -> Any:
+        """The result table as a ``polars.DataFrame``, see `truenorth.export.to_polars`."""
+        from ..export import to_polars
+
+        return to_polars(self)
+
+    def to_xarray(self) -> Any:
+        """The whole result as an ``xarray.Dataset``, see `truenorth.export.to_xarray`."""
+        from ..export import to_xarray
+
+        return to_xarray(self)
+
+    def summary(self) -> dict[str, Any]:
+        """The run in a few numbers, see `truenorth.export.summarize_solution`."""
+        from ..export import summarize_solution
+
+        return summarize_solution(self)
+
+    def write(self, path: str | os.PathLike[str], *, format: str | None = None) -> Path:
+        """Write the result to a file; the suffix names the format, see `truenorth.export.write_solution`."""
+        from ..export import write_solution
+
+        return write_solution(self, path, format=format)
+
+    def plot(self) -> Any:
+        """One page of figures as a ``matplotlib.figure.Figure``, see `truenorth.report.figures`."""
+        from ..report.figures import figure_page
+
+        return figure_page(self)

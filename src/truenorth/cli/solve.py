@@ -144,14 +144,9 @@ def run_session(
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", TrueNorthWarning)
         with working("solving") as progress:
-            from ..attitude import solve_baseline
+            from ..attitude import solve_session
 
-            solution = solve_baseline(
-                *session.observation_paths,
-                list(session.gnss.navigation),
-                settings=session.settings,
-                progress=progress,
-            )
+            solution = solve_session(session, progress=progress)
     said = [str(warning.message) for warning in caught if issubclass(warning.category, TrueNorthWarning)]
 
     written = []

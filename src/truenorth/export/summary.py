@@ -6,10 +6,11 @@ means are over accepted epochs (fixed or held). For a platform that turns the me
 
 import numpy as np
 
+from ..attitude.length_check import compare_length
 from ..errors import REASON_SENTENCES, Reason, Status
 from ..timescales import format_gpst
 
-__all__ = ["compare_length", "summarize_solution"]
+__all__ = ["summarize_solution"]
 
 
 def summarize_solution(solution):
@@ -52,7 +53,7 @@ def summarize_solution(solution):
         "azimuth_deg": _angle(solution.azimuth_rad[accepted], solution.azimuth_sd_rad[accepted], turn=360.0),
         "elevation_deg": _angle(solution.elevation_rad[accepted], solution.elevation_sd_rad[accepted]),
         "length_m": _plain(solution.length_m[accepted], solution.length_sd_m[accepted]),
-        "length_check": compare_length(solution),
+        "length_check": dict(solution.length_check) or compare_length(solution),
         "reasons": reasons,
         "satellites": _spread(solution.n_sats[accepted]),
         "signals": _spread(solution.n_signals[accepted]),
@@ -63,55 +64,6 @@ def summarize_solution(solution):
         },
         "warnings": list(solution.warnings),
     }
-
-
-def compare_length(solution):
-    """Compare the declared antenna separation with the measured one.
-
-    Accepted epochs give the measured length; without any, those that the length test turned down.
-    The two agree when they differ by no more than ``length_tolerance_sd`` joint standard deviations:
-    that of the declared length, and that of one epoch (errors of epochs are too alike to average).
-
-    Parameters
-    ----------
-    solution : BaselineSolution
-        Result of `truenorth.solve_baseline`.
-
-    Returns
-    -------
-    dict
-        ``declared_m``, ``declared_sd_m``, ``measured_m``, ``measured_sd_m``, ``difference_m``,
-        ``limit_m`` (None where unknown) and ``verdict``: ``agrees``, ``disagrees``,
-        ``not declared`` or ``not measured``.
-    """
-    settings = solution.settings
-    declared_m = settings.get("length_m")
-    declared_sd_m = settings.get("length_sd_m", 0.0) if declared_m is not None else None
-    use = solution.is_accepted & np.isfinite(solution.length_m)
-    if not np.any(use):
-        use = (solution.reason == Reason.LENGTH_TEST) & np.isfinite(solution.length_m)
-    result = {
-        "declared_m": declared_m,
-        "declared_sd_m": declared_sd_m,
-        "measured_m": None,
-        "measured_sd_m": None,
-        "difference_m": None,
-        "limit_m": None,
-        "verdict": "not declared" if declared_m is None else "not measured",
-    }
-    if not np.any(use):
-        return result
-    measured_m = float(np.median(solution.length_m[use]))
-    measured_sd_m = _finite(np.sqrt(np.nanmean(solution.length_sd_m[use] ** 2)))
-    result.update(measured_m=measured_m, measured_sd_m=measured_sd_m)
-    if declared_m is None:
-        return result
-    joint_m = float(np.hypot(declared_sd_m, measured_sd_m or 0.0))
-    limit_m = float(settings.get("length_tolerance_sd", 4.0)) * joint_m
-    difference_m = measured_m - declared_m
-    verdict = "agrees" if abs(difference_m) <= limit_m else "disagrees"
-    result.update(difference_m=difference_m, limit_m=limit_m, verdict=verdict)
-    return result
 
 
 def _angle(angle_rad, sd_rad, *, turn=None):

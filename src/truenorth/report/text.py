@@ -60,7 +60,7 @@ def length_sentence(check):
     Parameters
     ----------
     check : dict
-        Result of `truenorth.export.summary.compare_length`.
+        Result of `truenorth.attitude.length_check.compare_length`.
 
     Returns
     -------
@@ -68,7 +68,9 @@ def length_sentence(check):
     """
     measured = ""
     if check["measured_m"] is not None:
-        measured = f"measured {check['measured_m']:.4f} m"
+        measured = (
+            f"measured {'without it ' * bool(check.get('without_declared'))}{check['measured_m']:.4f} m"
+        )
         if check["measured_sd_m"] is not None:
             measured += f" (sd {1e3 * check['measured_sd_m']:.1f} mm)"
     if check["declared_m"] is None:

@@ -1,0 +1,135 @@
+"""The declared antenna separation against the measured one.
+
+A wrong declared length either shows in the accepted epochs (where it does not decide) or keeps
+epochs from being accepted (where it does). In the second case the run is repeated without it, and
+what the observations then say is compared with what was declared.
+"""
+
+import msgspec
+import numpy as np
+
+from ..errors import Status
+
+__all__ = ["compare_length", "length_warning", "measure_free_length"]
+
+FEW_ACCEPTED = 0.5
+"""With a smaller share of accepted epochs a declared length comes under suspicion."""
+
+
+def compare_length(solution):
+    """Compare the declared antenna separation with the measured one.
+
+    Accepted epochs give the measured length. The two agree when they differ by no more than
+    ``length_tolerance_sd`` joint standard deviations: that of the declared length, and that of one
+    epoch (errors of epochs are too alike to average).
+
+    Parameters
+    ----------
+    solution : BaselineSolution
+        Result of `truenorth.solve_baseline`.
+
+    Returns
+    -------
+    dict
+        ``declared_m``, ``declared_sd_m``, ``measured_m``, ``measured_sd_m``, ``difference_m``,
+        ``limit_m`` (None where unknown); ``verdict``: ``agrees``, ``disagrees``, ``not declared``
+        or ``not measured``; ``without_declared``: whether the measured length comes from a run in
+        which the declared one took no part.
+    """
+    settings = solution.settings
+    use = solution.is_accepted
+    return _compare(
+        settings.get("length_m"),
+        settings.get("length_sd_m", 0.0),
+        settings.get("length_tolerance_sd", 4.0),
+        solution.length_m[use],
+        solution.length_sd_m[use],
+    )
+
+
+def measure_free_length(differences, base, rover, settings):
+    """Compare as `compare_length`, with a run in which the declared length takes no part.
+
+    Parameters
+    ----------
+    differences : SingleDifferences
+        All epochs.
+    base, rover : Observations
+        The raw observations.
+    settings : GnssSettings
+        Of the run whose declared length is under suspicion.
+
+    Returns
+    -------
+    dict
+        As `compare_length`.
+    """
+    from .._kernels import baseline as kernel
+    from ..ambiguity.resolution import resolve_epochs
+
+    free = msgspec.structs.replace(
+        settings,
+        method="lambda",
+        single_epoch=False,
+        length_use="off",
+        ratio_test="none",
+        min_epochs_to_fix=1,
+    )
+    resolved = resolve_epochs(differences, base, rover, free)
+    accepted = (resolved.status == Status.FIXED) | (resolved.status == Status.HELD)
+    return _compare(
+        settings.length_m,
+        settings.length_sd_m,
+        settings.length_tolerance_sd,
+        resolved.table[accepted, kernel.LENGTH],
+        resolved.table[accepted, kernel.LENGTH_SD],
+        without_declared=True,
+    )
+
+
+def length_warning(check):
+    """One sentence that names the declared length as the suspect, or None where it is not.
+
+    Parameters
+    ----------
+    check : dict
+        Result of `compare_length` or `measure_free_length`.
+
+    Returns
+    -------
+    str or None
+    """
+    if check["verdict"] != "disagrees":
+        return None
+    without = "without it the observations give" if check["without_declared"] else "the observations give"
+    return (
+        f"the declared length of {check['declared_m']:.4f} m disagrees with the measured one: {without} "
+        f"{check['measured_m']:.4f} m ({1e3 * check['difference_m']:+.0f} mm, limit "
+        f"{1e3 * check['limit_m']:.0f} mm); suspect the declared length"
+    )
+
+
+def _compare(declared_m, declared_sd_m, tolerance_sd, length_m, length_sd_m, *, without_declared=False):
+    known = np.isfinite(length_m) & np.isfinite(length_sd_m)
+    result = {
+        "declared_m": declared_m,
+        "declared_sd_m": None if declared_m is None else float(declared_sd_m),
+        "measured_m": None,
+        "measured_sd_m": None,
+        "difference_m": None,
+        "limit_m": None,
+        "verdict": "not declared" if declared_m is None else "not measured",
+        "without_declared": without_declared,
+    }
+    if not np.any(known):
+        return result
+    measured_m = float(np.median(length_m[known]))
+    measured_sd_m = float(np.sqrt(np.mean(length_sd_m[known] ** 2)))
+    result.update(measured_m=measured_m, measured_sd_m=measured_sd_m)
+    if declared_m is None:
+        return result
+    limit_m = float(tolerance_sd * np.hypot(declared_sd_m, measured_sd_m))
+    difference_m = measured_m - declared_m
+    verdict = "agrees" if abs(difference_m) <= limit_m else "disagrees"
+    result.update(difference_m=difference_m, limit_m=limit_m, verdict=verdict)
+    return result
