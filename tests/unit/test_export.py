@@ -278,3 +278,12 @@ def test_settings_file_repeats_the_run(solution, tmp_path):
     again = Session.read(path)
     assert again == session
     assert again.settings == settings
+
+
+def test_a_solution_offers_its_tables_files_and_figures(solution, tmp_path):
+    assert solution.to_polars().equals(to_polars(solution))
+    assert solution.to_xarray().equals(to_xarray(solution))
+    assert solution.summary() == summarize_solution(solution)
+    assert solution.write(tmp_path / "result.csv") == tmp_path / "result.csv"
+    assert solution.write(tmp_path / "result.txt", format="nmea").read_text().startswith("$PASHR")
+    assert len(solution.plot().axes) == 7  # six panels, and the right axis of the last

@@ -173,18 +173,6 @@ class BaselineSolution:
 
         return to_xarray(self)
 
-    def to_polars(self) -> Any:
-        """The result table as a ``polars.DataFrame``, see `truenorth.export.to_polars`."""
-        from ..export import to_polars
-
-        return to_polars(self)
-
-    def to_xarray(self) -> Any:
-        """The whole result as an ``xarray.Dataset``, see `truenorth.export.to_xarray`."""
-        from ..export import to_xarray
-
-        return to_xarray(self)
-
     def summary(self) -> dict[str, Any]:
         """The run in a few numbers, see `truenorth.export.summarize_solution`."""
         from ..export import summarize_solution
@@ -198,7 +186,7 @@ class BaselineSolution:
         return write_solution(self, path, format=format)
 
     def plot(self) -> Any:
-        """One page of figures as a ``matplotlib.figure.Figure``, see `truenorth.report.figures`."""
-        from ..report.figures import figure_page
+        """One page of figures as a ``matplotlib.figure.Figure``, see `truenorth.report.figure_page`."""
+        from ..report import figure_page
 
         return figure_page(self)
