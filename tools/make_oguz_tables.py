@@ -130,7 +130,7 @@ def page(seed, n_draws):
         "Wavelength 20 cm and candidate sets as in the thesis; satellites at azimuth/elevation 20/40, "
         "160/55 and",
         "80/30 degrees, phases chosen so that the thesis's sets are the true integers.",
-        f"With noise: rms over {n_draws} draws where the right set was best, and how often it was.",
+        f"With noise: rms over {n_draws} draws where the right set was best, and how often it was; our azimuth is the first of them.",
         "",
         "| length, m | noise, cycles | set | place | thesis azimuth | our azimuth | sets inside the gate |"
         " right set best | rms error | rule 0.5 cm / L |",
@@ -151,7 +151,7 @@ def page(seed, n_draws):
         "",
         "Without noise the right set costs nothing and the azimuth is exact; the 0.007 to 0.012 degrees "
         "of the thesis",
-        "are what an early exit leaves. With noise three satellites rarely make the set unique: the "
+        "may come from its early exit. With noise three satellites rarely make the set unique: the "
         "thesis says so in",
         "words, the columns say how often. Its candidate sets for 0.2 m and 0.5 m hold integers up to 1 "
         "and 2; at the",
