@@ -233,6 +233,7 @@ def test_orbits_of_impossible_size_are_counted():
     [
         (("1.710000000000e+00", "1.71000x000000e+00"), "is not a number", 4),
         (("1.710000000000e+00", "               nan"), "is not a number", 4),
+        (("1.710000000000e+00", "1.7100000000e+300"), "is not a number", 4),
         (("2024 06 24", "2024 13 24"), "is not a time", 3),
         (("2024 06 24", "2024    24"), "is not a time", 3),
         (("G05", "G 0"), "is not a satellite", 3),

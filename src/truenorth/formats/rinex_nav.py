@@ -103,6 +103,9 @@ _MODERN_FIT_S = {"G": 3 * 3600.0, "J": 2 * 3600.0, "C": 4 * 3600.0, "I": 4 * 360
 _SQRT_A_RANGE = (4_000.0, 7_100.0)
 _RADIUS_RANGE_M = (1.6e7, 5.0e7)
 
+# The format writes "unknown" as 0.999999999999E+09; nothing meant is larger.
+_LARGEST = 1e12
+
 
 class _Text:
     """The lines of the file and where the data begin; makes the errors."""
@@ -388,11 +391,13 @@ def _read_fields(text, records, message):
                 values[place] = float(cells[place])
             except ValueError:
                 values[place] = np.nan
-    bad = np.argwhere(~np.isfinite(values))
+    bad = np.argwhere(~(np.abs(values) < _LARGEST))
     if len(bad):
         record, place = bad[0]
         line = records[record][0] + (0 if place < 3 else 1 + (place - 3) // 4)
-        raise text.error(line, f"{_show(bytes(cells[record, place]))} is not a number; repair the record")
+        raise text.error(
+            line, f"{_show(bytes(cells[record, place]))} is not a number of RINEX; repair the record"
+        )
     return values
 
 
@@ -516,7 +521,7 @@ def _make_kepler(text, first, sat, toc_ns, fields, system, message, skipped):
     # CNAV and CNAV-2 give the time of prediction where others give toe; there toe equals toc.
     has_toe = not (system in "GJ" and is_modern)
     toe_ns = _near(fields[:, _TOE], toc_ns, NS_PER_WEEK) if has_toe else toc_ns
-    _check_range(text, first, fields, sent_place, 1e10)
+    _check_range(text, first, fields, sent_place, 2e9)
     sent_ns = _near(fields[:, sent_place], toc_ns, NS_PER_WEEK)
     # Unknown times of transmission are written as 0.9999E9, or left blank.
     unknown = (np.abs(fields[:, sent_place]) > 2e6) | (np.abs(sent_ns - toe_ns) > NS_PER_DAY)
@@ -569,7 +574,7 @@ def _make_states(text, first, sat, toc_ns, fields, system, skipped):
     states[:, 9] = fields[:, 0]
     states[:, 10] = fields[:, 1]
     health = _whole(text, first, fields, 6, 2**30)
-    _check_range(text, first, fields, 2, 1e10)
+    _check_range(text, first, fields, 2, 2e9)
     if system == "R":
         delay = fields[:, 16]
         states[:, 11] = np.where(np.abs(delay) < 1e-3, delay, 0.0)  # 0.999999999999E+09: unknown

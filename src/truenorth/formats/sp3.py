@@ -21,6 +21,7 @@ __all__ = ["parse_sp3", "read_sp3"]
 _WIDTH = 14
 _N_VALUES = 4
 _NO_CLOCK_US = 999_999.0
+_LARGEST = 1e9  # a number of this format has at most 14 columns, 7 of them before the point
 _TAI_MINUS_GPST_NS = 19 * NS_PER_S
 
 
@@ -173,7 +174,7 @@ def _values(error, lines, rows):
         values = cells.astype(np.float64)
     except ValueError:
         values = np.array([[_number(cell) for cell in row] for row in cells])
-    bad = np.argwhere(~np.isfinite(values))
+    bad = np.argwhere(~(np.abs(values) < _LARGEST))
     if len(bad):
         row, place = bad[0]
         shown = bytes(cells[row, place]).decode("ascii", "replace").strip()
