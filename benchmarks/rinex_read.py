@@ -1,61 +1,66 @@
-"""How fast RINEX observation text is read: python benchmarks/rinex_read.py FILE... [--runs N]
+"""Speed of reading RINEX observations: python benchmarks/rinex_read.py [--write].
 
-For every file: unpacking, and reading of the plain text after compilation (best and median of N runs), in
-MB/s of plain text and million fields a second. The first read of the process is shown apart: it loads or
-compiles the kernel. With --first, an empty cache of compiled code is used, so that the compile time shows.
+Plain text in memory to `Observations`, after compilation; unpacking (gzip, Hatanaka) is timed apart.
 """
 
-import argparse
-import os
 import statistics
-import tempfile
 import time
+
+import numpy as np
+from machine import conditions, parser, report, table
+
+from truenorth import datasets
+from truenorth.formats.compression import read_bytes
+from truenorth.formats.rinex_obs import parse_rinex_obs
+
+SETS = ("pair_1m_geodetic", "pair_38m_gps", "moving_simulator_rose")
+
+
+def _seconds(function, *arguments):
+    start = time.perf_counter()
+    value = function(*arguments)
+    return value, time.perf_counter() - start
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("files", nargs="+", help="RINEX observation files, packed or not")
-    parser.add_argument("--runs", type=int, default=15, help="timed runs of every file")
-    parser.add_argument("--first", action="store_true", help="compile everything anew")
-    options = parser.parse_args()
-    if options.first:
-        os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="truenorth-benchmark-")
-
-    import numpy as np
-
-    from truenorth.formats.compression import read_bytes
-    from truenorth.formats.rinex_obs import parse_rinex_obs
-
-    print(
-        f"{'file':<44}{'MB':>7}{'unpack ms':>11}{'first ms':>10}{'best ms':>9}{'median':>8}{'MB/s':>7}{'Mfield/s':>10}"
-    )
-    for path in options.files:
-        start = time.perf_counter()
-        data = read_bytes(path)
-        unpack_s = time.perf_counter() - start
-        start = time.perf_counter()
-        observations = parse_rinex_obs(data, path=path)
-        first_s = time.perf_counter() - start
-        times_s = []
-        for _ in range(options.runs):
-            start = time.perf_counter()
-            parse_rinex_obs(data, path=path)
-            times_s.append(time.perf_counter() - start)
-        best_s = min(times_s)
-        fields = sum(
-            int(np.sum(np.isfinite(column)))
-            for column in (
-                observations.code_m,
-                observations.phase_cyc,
-                observations.doppler_hz,
-                observations.cn0_dbhz,
-            )
+    """Time every set and print the table."""
+    arguments = parser(__doc__.splitlines()[0]).parse_args()
+    rows = []
+    for name in SETS:
+        path = datasets.fetch(name).files["rover"]
+        data, _ = _seconds(read_bytes, path)
+        parse_rinex_obs(data)
+        unpack_s, read_s = [], []
+        for _ in range(3 * arguments.runs):
+            unpack_s.append(_seconds(read_bytes, path)[1])
+            observations, seconds = _seconds(parse_rinex_obs, data)
+            read_s.append(seconds)
+        columns = (
+            observations.code_m,
+            observations.phase_cyc,
+            observations.doppler_hz,
+            observations.cn0_dbhz,
         )
-        print(
-            f"{os.path.basename(path)[-43:]:<44}{len(data) / 1e6:>7.2f}{unpack_s * 1e3:>11.1f}{first_s * 1e3:>10.1f}"
-            f"{best_s * 1e3:>9.2f}{statistics.median(times_s) * 1e3:>8.2f}{len(data) / best_s / 1e6:>7.0f}"
-            f"{fields / best_s / 1e6:>10.1f}"
+        fields = sum(int(np.sum(np.isfinite(column))) for column in columns)
+        median_s = statistics.median(read_s)
+        rows.append(
+            [
+                f"{name}, RINEX {observations.meta.version}",
+                f"{len(data) / 1e6:.2f} MB",
+                f"{statistics.median(unpack_s) * 1e3:.1f} ms",
+                f"{median_s * 1e3:.2f} ms",
+                f"{min(read_s) * 1e3:.2f} ms",
+                f"{len(data) / median_s / 1e6:.0f} MB/s",
+                f"{fields / median_s / 1e6:.0f} million/s",
+            ]
         )
+    lines = [
+        *conditions(),
+        f"- {3 * arguments.runs} runs of each, medians",
+        "",
+        *table(["rover file of", "text", "unpack", "read", "best", "text/s", "values/s"], rows),
+    ]
+    report("RINEX observations", lines, write=arguments.write)
 
 
 if __name__ == "__main__":

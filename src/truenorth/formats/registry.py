@@ -230,7 +230,9 @@ def read(path):
     Examples
     --------
     >>> import truenorth as tn
-    >>> observations = tn.read("rover.obs.gz")  # doctest: +SKIP
+    >>> pair = tn.datasets.fetch("pair_1m_geodetic")
+    >>> tn.read(pair.files["base"]).n_epochs
+    301
     """
     form, data = identify(path)
     return form.read(data, str(path))

@@ -118,7 +118,7 @@ def read_rinex_obs(path):
     return parse_rinex_obs(read_bytes(path), path=path)
 
 
-def parse_rinex_obs(data, *, path=""):
+def parse_rinex_obs(data, *, path=None):
     """Read the plain content of a RINEX observation file.
 
     Parameters
@@ -685,7 +685,7 @@ def _assemble(header, columns, path):
             for t, flag, text in events
         ),
         meta=ObservationMeta(
-            path=str(path),
+            path="" if path is None else str(path),
             format=FORMAT,
             version=header.version_text,
             phase_shift_cyc=header.phase_shift,
