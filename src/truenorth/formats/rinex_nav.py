@@ -395,9 +395,7 @@ def _read_fields(text, records, message):
     if len(bad):
         record, place = bad[0]
         line = records[record][0] + (0 if place < 3 else 1 + (place - 3) // 4)
-        raise text.error(
-            line, f"{_show(bytes(cells[record, place]))} is not a number of RINEX; repair the record"
-        )
+        raise text.error(line, f"{_show(bytes(cells[record, place]))} is not a number; repair the record")
     return values
 
 
