@@ -227,7 +227,7 @@ def tabulated_ratio_threshold(n, ils_failure_rate, failure_rate=0.001):
     -------
     float
         ``c`` of ``C_2 / C_1 >= c``: 1 where the model meets the failure rate without a test, infinite
-        beyond the failure rates of the table, where hardly anything could be accepted.
+        beyond the failure rates of the table (0.1), where a test cannot save the model.
 
     Raises
     ------
