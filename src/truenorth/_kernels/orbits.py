@@ -88,7 +88,7 @@ def select_ephemerides(
 
 @kernel
 def _kepler_state(tk, el, toe_sow, gm, omega_e, is_geo, out):
-    """Position and velocity into out[0:6], relativistic clock term into out[6].
+    """Position and velocity into out[0:6], relativistic clock term and its rate into out[6:8].
 
     IS-GPS-200N tables 20-IV and 30-II; BDS-SIS-ICD-B1I 3.0 section 5.2.4.12 for the BeiDou GEO.
     """
@@ -142,6 +142,7 @@ def _kepler_state(tk, el, toe_sow, gm, omega_e, is_geo, out):
     out[0], out[1], out[2] = x, y, z
     out[3], out[4], out[5] = vx, vy, vz
     out[6] = -2.0 * math.sqrt(gm * a0) * ecc * se / (_C * _C)
+    out[7] = -2.0 * math.sqrt(gm * a0) * ecc * ce * ea_dot / (_C * _C)
 
 
 @kernel
@@ -188,7 +189,7 @@ def propagate_orbits(
     for e in range(n_eph):
         for j in range(6):
             node[e, j] = table[e, j]
-    out = np.zeros(7)
+    out = np.zeros(8)
     rate = np.zeros(6)
     work = np.zeros(12)
     for k in range(index.shape[0]):
@@ -215,9 +216,10 @@ def propagate_orbits(
             status[k] = NOT_COMPUTABLE
             continue
         relativity = 0.0
+        relativity_rate = 0.0
         if is_kepler:
             _kepler_state(tk, el, toe_sow[e], gm[e], omega_e[e], kind[e] == KEPLER_GEO, out)
-            relativity = out[6]
+            relativity, relativity_rate = out[6], out[7]
         elif kind[e] == GLONASS:
             wanted = np.int64(tk / _GLO_STEP_S)
             if wanted * node_step[e] < 0 or abs(wanted) < abs(node_step[e]):
@@ -247,7 +249,7 @@ def propagate_orbits(
             velocity[k, j] = out[j + 3]
             total += position[k, j] + velocity[k, j]
         clock[k] = bias + relativity
-        drift[k] = af1 + 2.0 * af2 * dt
+        drift[k] = af1 + 2.0 * af2 * dt + relativity_rate
         if not math.isfinite(total + clock[k]):
             status[k] = NOT_COMPUTABLE
             clock[k] = np.nan
