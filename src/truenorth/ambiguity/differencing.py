@@ -336,7 +336,9 @@ def build_single_differences(base, rover, base_point, rover_point, settings):
     shift = -rover_velocity * rover_clock[:, None] + base_velocity * (tag_difference + base_clock)[:, None]
     approximate = np.zeros((n_epochs, 3))
     difference = rover_point.position_ecef_m[rover_epoch] - base_point.position_ecef_m[base_epoch]
-    if np.nanmedian(np.linalg.norm(difference, axis=1)) > LINEARISE_AT_CODE_BASELINE_M:
+    distance_m = np.linalg.norm(difference, axis=1)
+    distance_m = distance_m[np.isfinite(distance_m)]
+    if len(distance_m) and np.median(distance_m) > LINEARISE_AT_CODE_BASELINE_M:
         approximate = np.nan_to_num(difference)
     base_m = position[epoch]
     rover_m = base_m + (approximate + shift)[epoch]
