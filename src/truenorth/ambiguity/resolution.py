@@ -197,7 +197,7 @@ def _resolve_alone(differences, settings, factors, epochs=None):
     for k in np.flatnonzero(excluded):
         epoch = np.searchsorted(start, k, side="right") - 1
         name, tracking = sat_name(int(d.sat[row[k]])), signal_name(int(d.signal[row[k]]))
-        log.append((int(d.time_ns[epoch]), "outlier", name, tracking, float(excluded[k]), OUTLIER_LIMIT,
+        log.append((int(d.time_ns[epoch]), "outlier", name, tracking, float(excluded[k]), np.nan,
                     f"phase of {name} {tracking} excluded: normalised residual {excluded[k]:.1f}"))  # fmt: skip
     return ResolvedEpochs(table, status, reason, row, start, residual, integer, factors, log)
 
