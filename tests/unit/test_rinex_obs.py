@@ -500,3 +500,30 @@ def test_header_only():
     assert obs.n_rows == 0
     assert obs.epoch_start.tolist() == [0]
     assert obs.meta.warnings == ("the file holds a header and no observations",)
+
+
+def test_a_header_without_end_is_refused():
+    text = header3(TYPES).replace(line("", "END OF HEADER"), "") + line("x", "COMMENT") * 100_001
+    with pytest.raises(FormatError, match="the header does not end"):
+        parse(text)
+
+
+def test_events_keep_the_order_of_the_file():
+    text = header3({"G": "C1C"}) + epoch3(0, 1) + sat3("G01", 2e7) + epoch3(0.5, 0, flag=5)
+    text += epoch3(1, 1, flag=1) + sat3("G01", 2e7) + epoch3(1.5, 0, flag=5) * 3
+    assert [e.flag for e in parse(text).events] == [5, 1, 5, 5, 5]
+
+
+def test_thousands_of_events_take_no_more_than_a_pass():
+    text = header3({"G": "C1C"}) + (epoch3(0.5, 1, flag=5) + line("mark", "COMMENT")) * 5000
+    text += epoch3(1, 1) + sat3("G01", 2e7)
+    obs = parse(text)
+    assert len(obs.events) == 5000
+    assert obs.n_rows == 1
+
+
+def test_warnings_are_bounded():
+    text = header3({"G": "C1C"}) + (epoch3(0.5, 1, flag=4) + line("x", "INTERVAL")) * 200
+    warnings = parse(text + epoch3(1, 1) + sat3("G01", 2e7)).meta.warnings
+    assert len(warnings) == 51
+    assert warnings[-1] == "and 150 more warnings"

@@ -54,6 +54,14 @@ __all__ = ["parse_rinex_obs", "read_rinex_obs"]
 FORMAT = "rinex_obs"
 
 _KINDS = "CLDS"
+_LABELS_OF_COLUMNS = {
+    "# / TYPES OF OBSERV",
+    "SYS / # / OBS TYPES",
+    "SYS / SCALE FACTOR",
+    "WAVELENGTH FACT L1/2",
+}
+_MAX_HEADER_LINES = 100_000
+_MAX_WARNINGS = 50
 _MAX_TYPES = 999
 _TIME_SYSTEMS = {"GPS": 0, "GAL": 0, "QZS": 0, "IRN": 0, "BDT": BDT_OFFSET_NS, "GLO": None, "UTC": None}
 _TIME_SYSTEM_OF_FILE = {"R": "GLO", "E": "GAL", "C": "BDT", "J": "QZS", "I": "IRN"}
@@ -166,6 +174,12 @@ def _read_header(data, path):
         line = raw.decode("latin-1").rstrip("\r")
         label = line[60:80].strip()
         line_number += 1
+        if line_number > _MAX_HEADER_LINES:
+            raise FormatError(
+                "the header does not end; this is no RINEX observation file or a damaged one, fetch it again",
+                path=path,
+                line_number=line_number,
+            )
         if label == "END OF HEADER":
             pos = end + 1
             ended = True
@@ -511,6 +525,7 @@ def _read_body(data, body_at, header, path):
     if header.old and blank_system < 0:
         blank_system = GPS
     tables = _tables(header)
+    line_number = _LineCounter(data)
     events = []
     while True:
         lines_per_sat, *columns = tables
@@ -520,7 +535,7 @@ def _read_body(data, body_at, header, path):
             *epochs.values(), *rows.values(),
         )  # fmt: skip
         if state[body.OUTCOME] == body.EVENT:
-            if _take_event(data, state, header, lines_per_sat, events, path):
+            if _take_event(data, state, header, lines_per_sat, events, path, line_number):
                 tables = _tables(header)
         elif state[body.OUTCOME] == body.GROW:
             needed = int(state[body.N_ROWS] + state[body.EVENT_COUNT] * columns[1].shape[1])
@@ -544,11 +559,21 @@ def _grow(columns, needed):
         column.resize(max(needed, len(column) + len(column) // 2), refcheck=False)
 
 
-def _line_number(data, position):
-    return data.count(b"\n", 0, position) + 1
+class _LineCounter:
+    """Line number of positions that only grow, without counting from the start each time."""
+
+    def __init__(self, data):
+        self._data, self._position, self._number = data, 0, 1
+
+    def __call__(self, position):
+        if position < self._position:
+            return self._data.count(b"\n", 0, position) + 1
+        self._number += self._data.count(b"\n", self._position, position)
+        self._position = position
+        return self._number
 
 
-def _take_event(data, state, header, lines_per_sat, events, path):
+def _take_event(data, state, header, lines_per_sat, events, path, line_number):
     """Consume one event record; true when the columns may have changed."""
     from .._kernels import rinex_obs as body
 
@@ -563,21 +588,21 @@ def _take_event(data, state, header, lines_per_sat, events, path):
         end = len(data) if end < 0 else end
         line = data[pos:end].decode("latin-1").rstrip("\r")
         if _begins_body(line, header.old):
-            header.warnings.append(
-                f"line {_line_number(data, pos)}: an event record has fewer lines than it says"
-            )
+            header.warnings.append(f"line {line_number(pos)}: an event record has fewer lines than it says")
             break
         lines.append(line)
         pos = end + 1
     state[body.POSITION] = min(pos, len(data))
     time = int(state[body.EVENT_TIME])
-    events.append((None if time == body.NO_TIME else time, flag, "\n".join(x.rstrip() for x in lines)))
+    text = "\n".join(x.rstrip() for x in lines)
+    events.append((int(state[body.N_EPOCHS]), None if time == body.NO_TIME else time, flag, text))
     if flag == 6 or not lines:
         return False
-    number = _line_number(data, int(state[body.EVENT_AT]))
-    for k, line in enumerate(lines):
-        _read_header_line(line, line[60:80].strip(), header, path, number + 1 + k)
-    return True
+    number = line_number(int(state[body.EVENT_AT]))
+    labels = [line[60:80].strip() for line in lines]
+    for k, (line, label) in enumerate(zip(lines, labels, strict=True)):
+        _read_header_line(line, label, header, path, number + 1 + k)
+    return not _LABELS_OF_COLUMNS.isdisjoint(labels)
 
 
 def _judge(data, body_at, state, header, path):
@@ -590,7 +615,7 @@ def _judge(data, body_at, state, header, path):
                 "no epoch can be read: this line is not an epoch of a RINEX "
                 f"{header.version_text} observation file; check the version in the first line",
                 path=path,
-                line_number=_line_number(data, int(state[body.BAD_LINE_AT])),
+                line_number=_LineCounter(data)(int(state[body.BAD_LINE_AT])),
             )
         header.warnings.append("the file holds a header and no observations")
     for count, at, what in (
@@ -599,7 +624,7 @@ def _judge(data, body_at, state, header, path):
         (body.SHORT_EPOCHS, body.SHORT_EPOCH_AT, "{} epochs have fewer satellites than they announce"),
     ):
         if state[count] > 0:
-            place = _line_number(data, int(state[at]))
+            place = _LineCounter(data)(int(state[at]))
             header.warnings.append(what.format(int(state[count])) + f" (first in line {place})")
     if state[body.LAST_GOT] < state[body.LAST_EXPECTED]:
         got, expected = state[body.LAST_GOT], state[body.LAST_EXPECTED]
@@ -656,7 +681,8 @@ def _assemble(header, columns, path):
     for k in np.flatnonzero(epochs["flag"] == 1):
         part = slice(start[k], start[k + 1])
         lli[part][np.isfinite(rows["phase_cyc"][part])] |= LLI_SLIP
-        events.append((int(epochs["time_ns"][k]), 1, "power failure before this epoch"))
+        events.append((int(k), int(epochs["time_ns"][k]), 1, "power failure before this epoch"))
+    events.sort(key=lambda event: (event[0], event[2] == 1))  # file order
     keep = None
     if len(time_ns) > 1 and not np.all(np.diff(time_ns) > 0):
         keep = _increasing(time_ns)
@@ -665,6 +691,9 @@ def _assemble(header, columns, path):
             f"{len(dropped)} epochs repeat a time or go back in time and are dropped "
             f"(first: {format_gpst(time_ns[dropped[0]])} GPST)"
         )
+    warnings = header.warnings[:_MAX_WARNINGS]
+    if len(header.warnings) > _MAX_WARNINGS:
+        warnings.append(f"and {len(header.warnings) - _MAX_WARNINGS} more warnings")
     glonass_channel = np.full(100, NO_CHANNEL, dtype=np.int8)
     for slot, channel in header.channels.items():
         glonass_channel[slot] = channel
@@ -682,7 +711,7 @@ def _assemble(header, columns, path):
         glonass_channel=glonass_channel,
         events=tuple(
             ObservationEvent(None if t is None else int(_to_gpst(t, header)), flag, text)
-            for t, flag, text in events
+            for _, t, flag, text in events
         ),
         meta=ObservationMeta(
             path="" if path is None else str(path),
@@ -690,7 +719,7 @@ def _assemble(header, columns, path):
             version=header.version_text,
             phase_shift_cyc=header.phase_shift,
             glonass_code_phase_bias_m=header.glonass_bias,
-            warnings=tuple(header.warnings),
+            warnings=tuple(warnings),
             **header.meta,
         ),
     )
