@@ -130,7 +130,8 @@ def page(seed, n_draws):
         "Wavelength 20 cm and candidate sets as in the thesis; satellites at azimuth/elevation 20/40, "
         "160/55 and",
         "80/30 degrees, phases chosen so that the thesis's sets are the true integers.",
-        f"With noise: rms over {n_draws} draws where the right set was best, and how often it was; our azimuth is the first of them.",
+        f"With noise: rms over {n_draws} draws where the right set was best, and how often it was; "
+        "our azimuth is the first of them.",
         "",
         "| length, m | noise, cycles | set | place | thesis azimuth | our azimuth | sets inside the gate |"
         " right set best | rms error | rule 0.5 cm / L |",

@@ -228,7 +228,7 @@ def attitude_of_integer_sets(
 
 @kernel
 def sphere_minimum(normal, centre, radius, x):
-    """Least value of ``(x - centre)' normal (x - centre)`` on a sphere, by a damped Gauss-Newton walk.
+    """Least value of ``(x - centre)' normal (x - centre)`` on a sphere, by damped Newton steps.
 
     The direction is turned in its tangent plane (azimuth and elevation of the baseline, without their
     singularity), starting at the direction of the centre.
@@ -291,8 +291,8 @@ def sphere_minimum(normal, centre, radius, x):
             b2 += t2[r] * force[r]
         # The curvature of the sphere turns the pull towards the centre into stiffness.
         pull = (u[0] * force[0] + u[1] * force[1] + u[2] * force[2]) / radius
-        a11 -= pull
-        a22 -= pull
+        a11 += pull
+        a22 += pull
         # Lift the 2 by 2 matrix to positive definiteness, where the curvature made it indefinite.
         half = 0.5 * (a11 + a22)
         split = np.sqrt((0.5 * (a11 - a22)) ** 2 + a12 * a12)
