@@ -122,6 +122,24 @@ def test_velocity_is_the_derivative_of_the_position(sat):
     np.testing.assert_allclose(velocity, difference, rtol=0, atol=5e-6)
 
 
+@pytest.mark.parametrize("sat", [G05, C03, R03])
+def test_clock_drift_is_the_derivative_of_the_clock(sat):
+    if sat == R03:
+        navigation = build_navigation([], [glonass_row()])
+    else:
+        row = kepler_row(sat, TOE, message=6 if sat == C03 else 0, eccentricity=0.02, af2_sps2=1e-17)
+        navigation = build_navigation([row])
+    at = TOE + np.array([-600, 1, 600]) * NS_PER_S
+
+    def clock(shift):
+        return compute_satellite_states(navigation, [sat] * 3, at + shift).clock_s
+
+    drift = compute_satellite_states(navigation, [sat] * 3, at).clock_drift_sps
+    # The clock (1e-4 s) is rounded to 1e-20 s; 20 s is short against the revolution.
+    difference = (clock(10 * NS_PER_S) - clock(-10 * NS_PER_S)) / 20.0
+    np.testing.assert_allclose(drift, difference, rtol=0, atol=1e-16)
+
+
 def test_glonass_energy_of_the_inertial_motion():
     """Without the lunisolar accelerations the Jacobi integral of the equations of motion is constant."""
     row = glonass_row()

@@ -19,7 +19,8 @@ from truenorth.timescales import NS_PER_S, gpst_to_datetime64, parse_gpst
 START = parse_gpst("2024-06-24T00:00:00")
 STEP = 900 * NS_PER_S
 EARTH_RATE = 7.292115e-5
-RADIUS, RATE, TILT = 26_560_000.0, 1.4585e-4, 0.96
+RADIUS, TILT = 26_560_000.0, 0.96
+RATE = np.sqrt(398_600.4418e9 / RADIUS**3)
 
 
 def circle(time_ns, phase=0.0):

@@ -32,6 +32,7 @@ _GLO_RE = 6_378_136.0
 _GLO_J2 = 1_082_625.75e-9
 _GLO_OMEGA = 7.292115e-5  # also the nominal rate of IERS Conventions 2010, for tables
 _GLO_STEP_S = 60.0
+_N_NODES = 256
 
 # Only a caller's own choice of ephemerides can be this far off; it bounds the integration.
 _LONGEST_S = 7.0 * 86_400.0
@@ -181,14 +182,11 @@ def propagate_orbits(
     With ``is_reception`` the delay is code / c, and the satellite clock offset is taken off as well:
     the code measures from the satellite's own clock to the receiver's tag.
     """
-    n_eph = kind.shape[0]
     # GLONASS is integrated outwards from its reference time in whole steps; the last node stays for
     # the next row. The nodes do not depend on the order of the rows.
-    node = np.zeros((n_eph, 6))
-    node_step = np.zeros(n_eph, dtype=np.int64)
-    for e in range(n_eph):
-        for j in range(6):
-            node[e, j] = table[e, j]
+    node = np.zeros((_N_NODES, 6))
+    node_step = np.zeros(_N_NODES, dtype=np.int64)
+    node_owner = np.full(_N_NODES, -1, dtype=np.int64)
     out = np.zeros(8)
     rate = np.zeros(6)
     work = np.zeros(12)
@@ -212,7 +210,11 @@ def propagate_orbits(
                 bias = af0 + (af1 + af2 * dt) * dt
             delay += bias
         tk = float(time_ns[k] - toe_ns[e]) * 1e-9 - delay
-        if not abs(tk) < _LONGEST_S:
+        total = tk
+        for j in range(20 if is_kepler else 12):
+            total += el[j]
+        is_ellipse = not is_kepler or (el[0] > 0.0 and 0.0 <= el[1] < 1.0)
+        if not (math.isfinite(total) and abs(tk) < _LONGEST_S and is_ellipse):
             status[k] = NOT_COMPUTABLE
             continue
         relativity = 0.0
@@ -222,20 +224,23 @@ def propagate_orbits(
             relativity, relativity_rate = out[6], out[7]
         elif kind[e] == GLONASS:
             wanted = np.int64(tk / _GLO_STEP_S)
-            if wanted * node_step[e] < 0 or abs(wanted) < abs(node_step[e]):
-                node_step[e] = 0
+            place = e % _N_NODES
+            is_behind = wanted * node_step[place] < 0 or abs(wanted) < abs(node_step[place])
+            if node_owner[place] != e or is_behind:
+                node_owner[place] = e
+                node_step[place] = 0
                 for j in range(6):
-                    node[e, j] = el[j]
-            n_whole = abs(wanted - node_step[e])
+                    node[place, j] = el[j]
+            n_whole = abs(wanted - node_step[place])
             for j in range(6):
-                out[j] = node[e, j]
+                out[j] = node[place, j]
             for n in range(n_whole + 1):
                 h = math.copysign(_GLO_STEP_S, tk)
                 if n == n_whole:
                     h = tk - wanted * _GLO_STEP_S
-                    node_step[e] = wanted
+                    node_step[place] = wanted
                     for j in range(6):
-                        node[e, j] = out[j]
+                        node[place, j] = out[j]
                 _glonass_step(h, out, el[6:9], rate, work)
         else:
             for j in range(3):
@@ -343,6 +348,9 @@ def interpolate_orbits(
         if is_reception:
             for i in range(3):
                 position[k, i] -= relativity * velocity[k, i]
+        # Its rate, with the attraction of the Earth alone: r.a = -GM / r.
+        radius = math.sqrt(p[0, 0] * p[0, 0] + p[0, 1] * p[0, 1] + p[0, 2] * p[0, 2])
+        speed2 = v[0, 0] * v[0, 0] + v[0, 1] * v[0, 1] + v[0, 2] * v[0, 2]
         clock[k] = bias + relativity
-        drift[k] = rate
+        drift[k] = rate - 2.0 * (speed2 - _GLO_GM / radius) / (_C * _C)
         status[k] = OK
