@@ -6,6 +6,7 @@ Nothing is installed: without rnx2rtkp (Debian's `rtklib`) on the path only our 
 """
 
 import gzip
+import re
 import shutil
 import statistics
 import subprocess
@@ -59,15 +60,14 @@ def _spread(times):
 
 def _version_of(peer):
     said = subprocess.run([peer, "-?"], stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
-    for line in (said.stdout + said.stderr).splitlines():
-        if "ver" in line.lower():
-            return line.strip()
-    found = shutil.which("dpkg-query")
+    found = re.search(r"\bver\.? *\S+", said.stdout + said.stderr)
     if found:
-        asked = subprocess.run(
-            [found, "-W", "-f", "${Version}", "rtklib"], capture_output=True, text=True, check=False
-        )
-        return f"rnx2rtkp {asked.stdout or 'of unknown version'}"
+        return f"rnx2rtkp {found[0]}"
+    if query := shutil.which("dpkg-query"):
+        command = [query, "--show", "--showformat=${Version}", "rtklib"]
+        asked = subprocess.run(command, capture_output=True, text=True, check=False)
+        if asked.returncode == 0:
+            return f"rnx2rtkp of Debian's rtklib {asked.stdout}"
     return "rnx2rtkp of unknown version"
 
 
