@@ -16,8 +16,8 @@ second but the change of the atmosphere. Weighted least squares by Gauss-Newton;
 
     var = (a^2 + b^2 / sin^2 el) 10^((C0 - C/N0) s / 10) + sis^2 + (I / 2)^2 + (0.1 m * m(el))^2
 
-(Klobuchar's model takes away about half of the ionosphere) with a, b, C0, s of `truenorth.config.StochasticSettings` and sis the error of orbit and clock.
-When the chi-square test of the residuals fails and the redundancy allows it, the observation with
+with a, b, C0, s of `truenorth.config.StochasticSettings`, sis the error of orbit and clock, and I / 2
+because Klobuchar's model takes away about half of the ionosphere. When the chi-square test of the residuals fails and the redundancy allows it, the observation with
 the largest normalised residual, if above 4, is removed and the adjustment repeated (Baarda's data
 snooping).
 
@@ -349,15 +349,10 @@ def _chi2_limits(n, significance):
     return table
 
 
-def _signal_in_space_variance(sat, ephemeris_index, navigation):
+def _signal_in_space_variance(sat, ura_m):
     """Variance of orbit and clock of each row, metres squared."""
     nominal = np.array([SIGNAL_IN_SPACE_SD_M[s] for s in SYSTEMS])[sat // 100]
-    # State vectors are counted on from the Kepler ephemerides, and state no accuracy.
-    kepler = (ephemeris_index >= 0) & (ephemeris_index < len(navigation.kepler))
-    stated = np.zeros(len(sat))
-    if np.any(kepler):
-        stated[kepler] = navigation.kepler.column("ura_m")[ephemeris_index[kepler]]
-    return np.where(stated > _URA_NOMINAL_M, stated, nominal) ** 2
+    return np.where(ura_m > _URA_NOMINAL_M, ura_m, nominal) ** 2
 
 
 def _klobuchar(navigation, ionosphere):
@@ -484,7 +479,7 @@ def solve_single_point(
             code_m + SPEED_OF_LIGHT_MPS * (states.clock_s - np.nan_to_num(delay_s)),
             np.zeros(len(sat)) if ionosphere == "off" else (_F_L1_HZ / carrier_hz) ** 2,
             noise_scale,
-            _signal_in_space_variance(sat, states.ephemeris_index, navigation),
+            _signal_in_space_variance(sat, states.ura_m),
             (1.0 + wavelength_m * doppler_hz / SPEED_OF_LIGHT_MPS) / (1.0 + states.clock_drift_sps),
         ]
     )
