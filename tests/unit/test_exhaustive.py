@@ -130,10 +130,34 @@ def test_double_differences_are_resolved():
     assert (result.status, result.reason) == (Status.FIXED, Reason.OK)
     np.testing.assert_array_equal(result.integers_cyc[0], integers)
     np.testing.assert_allclose(result.baseline_enu_m[0], baseline, atol=0.02)
-    # The length is exact by construction, and its direction carries no variance.
+
+
+def test_exact_length_is_kept_exactly():
+    problem, _, _ = epoch()
+    result = resolve_exhaustive(replace(problem, length_sd_m=np.nan))
     np.testing.assert_allclose(np.linalg.norm(result.baseline_enu_m, axis=1), 1.0, rtol=1e-12)
+    # Its direction carries no variance.
     along = result.baseline_enu_m[0]
     assert along @ result.cov_baseline_m2 @ along == pytest.approx(0.0, abs=1e-12)
+
+
+def test_length_with_sigma_is_an_observation():
+    # The same adjustment with the length as one more linear row, along the result.
+    problem, integers, _ = epoch()
+    result = resolve_exhaustive(problem)
+    along = result.baseline_enu_m[0] / np.linalg.norm(result.baseline_enu_m[0])
+    rows = np.vstack([problem.design, along])
+    values = np.append(problem.phase_m - problem.wavelength_m * integers, problem.length_m)
+    cov = np.zeros((7, 7))
+    cov[:6, :6], cov[6, 6] = problem.cov_phase_m2, problem.length_sd_m**2
+    weight = np.linalg.inv(cov)
+    joint = np.linalg.inv(rows.T @ weight @ rows)
+    baseline = joint @ rows.T @ weight @ values
+    residual = values - rows @ baseline
+    # Second order in the ratio of millimetres to the length.
+    np.testing.assert_allclose(result.baseline_enu_m[0], baseline, atol=3e-5)
+    assert result.chi2 == pytest.approx(residual @ weight @ residual, rel=1e-2)
+    np.testing.assert_allclose(result.cov_baseline_m2, joint, rtol=1e-2, atol=1e-9)
 
 
 def test_the_number_of_sets_is_what_the_length_allows():

@@ -315,7 +315,8 @@ def resolve_exhaustive(problem, options=None):
     Parameters
     ----------
     problem : DoubleDifferences
-        The epoch; ``length_m`` is needed and taken as exact.
+        The epoch; ``length_m`` is needed. The enumeration takes it as exact; in the final adjustment
+        it is an observation with ``length_sd_m``, if that is given.
     options : ExhaustiveOptions, optional
         Settings.
 
@@ -363,11 +364,19 @@ def resolve_exhaustive(problem, options=None):
     free = np.ascontiguousarray((baseline_map @ free_phase).T)
     unconstrained = np.sum((free_phase - design @ free.T) ** 2, axis=0)
     baseline, growth = baselines_on_sphere(normal, free, float(problem.length_m))
-    objective = unconstrained + growth
+    # A length known to sigma instead of exactly: to first order the pull onto the sphere is shared between
+    # the measured length (variance s^2) and the declared one.
+    share = 1.0
+    if problem.length_sd_m > 0.0:
+        along = baseline / problem.length_m
+        measured = np.einsum("ci,ij,cj->c", along, np.linalg.inv(normal), along)
+        share = measured / (measured + problem.length_sd_m**2)
+        baseline = free + share[:, None] * (baseline - free)
+    objective = unconstrained + share * growth
     order = np.argsort(objective, kind="stable")
     integers, baseline, objective = integers[order], baseline[order], objective[order]
 
-    # Two angles are estimated.
+    # Two angles are estimated, or three coordinates with the length as an observation.
     limit = chi2_limits(m - 2, options.residual_significance)[1]
     ratio = np.nan
     if len(objective) > 1:
@@ -381,7 +390,11 @@ def resolve_exhaustive(problem, options=None):
     else:
         reason = Reason.OK
     along = baseline[0] / np.linalg.norm(baseline[0])
-    tangent = np.linalg.svd(along[None, :])[2][1:].T
+    if problem.length_sd_m > 0.0:
+        cov = np.linalg.inv(normal + np.outer(along, along) / problem.length_sd_m**2)
+    else:
+        tangent = np.linalg.svd(along[None, :])[2][1:].T
+        cov = tangent @ np.linalg.inv(tangent.T @ normal @ tangent) @ tangent.T
     if reason == Reason.OK:
         status = Status.FIXED
     else:
@@ -392,7 +405,7 @@ def resolve_exhaustive(problem, options=None):
         integers_cyc=integers,
         objective=objective,
         baseline_enu_m=baseline,
-        cov_baseline_m2=tangent @ np.linalg.inv(tangent.T @ normal @ tangent) @ tangent.T,
+        cov_baseline_m2=cov,
         float_baseline_enu_m=code,
         is_fixed=np.ones(m, dtype=bool),
         ratio=ratio,
