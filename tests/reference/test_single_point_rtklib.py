@@ -38,7 +38,7 @@ SETS = {
 def rtklib(name):
     """Time (GPS nanoseconds) and ECEF position of the table's rows of one set."""
     with TABLE.open() as file:
-        rows = [row for row in csv.DictReader(line for line in file if not line.startswith("#"))]
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
     rows = [row for row in rows if row["set"] == name]
     time_ns = np.array([gpst_from_week(row["week"], row["tow_s"]) for row in rows])
     return time_ns, np.array([[float(row[axis]) for axis in ("x_m", "y_m", "z_m")] for row in rows])

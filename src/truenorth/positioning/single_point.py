@@ -17,9 +17,9 @@ second but the change of the atmosphere. Weighted least squares by Gauss-Newton;
     var = (a^2 + b^2 / sin^2 el) 10^((C0 - C/N0) s / 10) + sis^2 + (I / 2)^2 + (0.1 m * m(el))^2
 
 with a, b, C0, s of `truenorth.config.StochasticSettings`, sis the error of orbit and clock, and I / 2
-because Klobuchar's model takes away about half of the ionosphere. When the chi-square test of the residuals fails and the redundancy allows it, the observation with
-the largest normalised residual, if above 4, is removed and the adjustment repeated (Baarda's data
-snooping).
+because Klobuchar's model takes away about half of the ionosphere. When the chi-square test of the
+residuals fails and the redundancy allows it, the observation with the largest normalised residual, if
+above 4, is removed and the adjustment repeated (Baarda's data snooping).
 
 References
 ----------
