@@ -3,6 +3,7 @@
 import html.parser
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -224,3 +225,26 @@ def test_figures_leave_the_global_state_of_matplotlib_alone(tmp_path):
     )
     tests = str(Path(__file__).parent.parent)
     subprocess.run([sys.executable, "-c", code, tests, str(tmp_path / "page.png")], check=True)
+
+
+def test_rejected_candidates_are_told_and_not_drawn():
+    solution = make_solution(60)
+    rejected = int(np.flatnonzero(solution.is_accepted)[0])
+    solution.status[rejected] = Status.FLOAT
+    length_m = solution.length_m.copy()
+    length_m[rejected] = 1.09  # what the length test saw: 10 cm too long
+    told = replace(solution, candidate_length_m=length_m, candidate_length_sd_m=np.full(60, 0.004))
+    story = explain_epoch(told, rejected)
+    # Four joint standard deviations of 3 and 4 mm are 20 mm.
+    assert "+100.0 mm (1.0900 measured, 0.9900 declared) against at most 20.0 mm: FAILED" in story
+    assert "G02" in story
+    drawn = plotted(plot_residuals(told), "GPS").get_xdata()
+    assert len(drawn) == 4 * np.count_nonzero(told.is_accepted)
+    assert len(drawn) == 4 * (np.count_nonzero(solution.status >= Status.HELD))
+
+
+def test_a_single_epoch_between_gaps_keeps_its_band():
+    solution = make_solution(30)
+    solution.time_ns[15:] += 100_000_000_000
+    solution.time_ns[16:] += 100_000_000_000
+    assert len(plot_elevation(solution).collections) == 3

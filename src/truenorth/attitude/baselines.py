@@ -142,9 +142,6 @@ def _assemble(differences, resolved, settings):
 
     length_sd = np.where(fixed, table[:, kernel.LENGTH_SD], spread(unit))
     epoch = np.repeat(np.arange(n), np.diff(r.start))
-    accepted_row = fixed[epoch]
-    row = r.row[accepted_row]
-    residual_epoch = epoch[accepted_row]
     first = np.zeros(len(r.row), bool)
     if len(r.row):
         group = d.group[r.row]
@@ -179,14 +176,16 @@ def _assemble(differences, resolved, settings):
         chi2_limit=table[:, kernel.CHI2_LIMIT],
         quality=_quality(status, cov),
         position_ecef_m=d.position_ecef_m,
-        residual_epoch=residual_epoch,
-        residual_sat=d.sat[row],
-        residual_signal=d.signal[row],
-        residual_m=r.residual_m[accepted_row],
-        residual_elevation_rad=d.elevation_rad[row],
-        residual_azimuth_rad=d.azimuth_rad[row],
-        residual_integer_cyc=r.integer_cyc[accepted_row],
-        residual_is_reference=first[accepted_row],
+        residual_epoch=epoch,
+        residual_sat=d.sat[r.row],
+        residual_signal=d.signal[r.row],
+        residual_m=r.residual_m,
+        residual_elevation_rad=d.elevation_rad[r.row],
+        residual_azimuth_rad=d.azimuth_rad[r.row],
+        residual_integer_cyc=r.integer_cyc,
+        residual_is_reference=first,
+        candidate_length_m=table[:, kernel.LENGTH],
+        candidate_length_sd_m=table[:, kernel.LENGTH_SD],
         events=tuple(EpochEvent(*event) for event in sorted(r.events, key=lambda event: event[0])),
     )
 

@@ -77,15 +77,16 @@ class BaselineSolution:
     position_ecef_m : ndarray of float64, shape (n, 3)
         Single-point position of the base antenna, metres.
     residual_epoch, residual_sat, residual_signal : ndarray, shape (m,)
-        Epoch index, satellite and signal of each phase residual.
+        Epoch index, satellite and signal of each phase that took part, accepted epoch or not.
     residual_m : ndarray of float64, shape (m,)
-        Single-difference phase residuals of accepted epochs, metres.
+        Single-difference phase residuals of the best candidate, metres; NaN where there is none.
+        Those of epochs that are not accepted explain why.
     residual_elevation_rad, residual_azimuth_rad : ndarray of float64, shape (m,)
         Where that satellite stood.
     residual_integer_cyc : ndarray of float64, shape (m,)
-        Double-difference integer of the row against its group's reference satellite; NaN for float.
+        Double-difference integer of the row against its group's reference satellite (NaN for float).
     residual_is_reference : ndarray of bool, shape (m,)
-        The row is the reference satellite of its group.
+        Rows of reference satellites.
     settings : dict
         Effective settings, every default included.
     inputs : dict
@@ -96,6 +97,9 @@ class BaselineSolution:
         Every decision, in time order.
     seconds : dict of str to float
         Wall time of read, compile, solve, write.
+    candidate_length_m, candidate_length_sd_m : ndarray of float64, shape (n,), or None
+        Length of the best candidate and its standard deviation, accepted or not; NaN where there is
+        none. What the length test saw.
     length_check : dict
         Declared against measured length, see `truenorth.attitude.length_check.compare_length`.
     """
@@ -138,6 +142,8 @@ class BaselineSolution:
     warnings: tuple[str, ...] = ()
     events: tuple[EpochEvent, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
+    candidate_length_m: np.ndarray | None = None
+    candidate_length_sd_m: np.ndarray | None = None
     length_check: dict[str, Any] = field(default_factory=dict)
 
     @property

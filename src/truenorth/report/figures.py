@@ -14,6 +14,7 @@ from .style import (
     BAND_ALPHA,
     STATUS_COLORS,
     SYSTEM_COLORS,
+    accepted_rows,
     azimuth_for_plot,
     caption,
     length_reference,
@@ -130,30 +131,29 @@ def plot_residuals(solution, *, ax=None):
     """
     ax = _axes(ax)
     ax.set_ylabel("phase residual, mm")
-    sats = np.unique(solution.residual_sat)
+    rows = accepted_rows(solution)
+    sats, column = np.unique(solution.residual_sat[rows], return_inverse=True)
     if len(sats) == 0:
         _say_empty(ax, "no residuals of accepted epochs")
         return ax
-    column = np.searchsorted(sats, solution.residual_sat)
-    residual_mm = 1e3 * solution.residual_m
-    position = column - 0.4 + 0.8 * (solution.residual_epoch + 0.5) / solution.n_epochs
-    drawn = thin_rows(len(column), _MAX_POINTS)
-    system = sats // 100
+    residual_mm = 1e3 * solution.residual_m[rows]
+    position = column - 0.4 + 0.8 * (solution.residual_epoch[rows] + 0.5) / solution.n_epochs
+    system = sats[column] // 100
+    drawn = thin_rows(len(rows), _MAX_POINTS)
     for code in np.unique(system):
-        rows = drawn[solution.residual_sat[drawn] // 100 == code]
+        of_system = drawn[system[drawn] == code]
         letter = SYSTEMS[code]
         ax.plot(
-            position[rows],
-            residual_mm[rows],
+            position[of_system],
+            residual_mm[of_system],
             ".",
             markersize=1.5,
             color=SYSTEM_COLORS[letter],
             label=SYSTEM_NAMES[letter],
             rasterized=True,
         )
-    for k in range(len(sats)):
-        rms_mm = np.sqrt(np.mean(residual_mm[column == k] ** 2))
-        ax.plot([k, k], [-rms_mm, rms_mm], color="black", linewidth=2.0, solid_capstyle="butt")
+    rms_mm = np.sqrt(np.bincount(column, residual_mm**2) / np.bincount(column))
+    ax.vlines(range(len(sats)), -rms_mm, rms_mm, color="black", linewidth=2.0)
     ax.axhline(0.0, color="black", linewidth=0.5)
     ax.set_xlim(-0.6, len(sats) - 0.4)
     ax.set_xticks(range(len(sats)), [sat_name(int(sat)) for sat in sats], rotation=90, fontsize="small")
@@ -183,8 +183,9 @@ def plot_sky(solution, *, ax=None):
     ax.set_rlim(0.0, 90.0)
     ax.set_rgrids([30.0, 60.0, 90.0], ["60°", "30°", ""], fontsize="x-small", angle=22.5)
     ax.set_thetagrids(range(0, 360, 45), ["N", "", "E", "", "S", "", "W", ""])
-    for sat in np.unique(solution.residual_sat):
-        rows = np.flatnonzero(solution.residual_sat == sat)
+    known = accepted_rows(solution)
+    for sat in np.unique(solution.residual_sat[known]):
+        rows = known[solution.residual_sat[known] == sat]
         rows = rows[thin_rows(len(rows), 400)]
         color = SYSTEM_COLORS[SYSTEMS[sat // 100]]
         zenith_deg = 90.0 - np.degrees(solution.residual_elevation_rad[rows])
@@ -199,7 +200,7 @@ def plot_sky(solution, *, ax=None):
             fontsize="x-small",
             color=color,
         )
-    if len(solution.residual_sat) == 0:
+    if len(known) == 0:
         _say_empty(ax, "no satellites of accepted epochs")
     return ax
 
@@ -301,6 +302,10 @@ def _plot_angle(ax, solution, value, sd):
     accepted = solution.is_accepted & np.isfinite(value)
     for piece in runs_of_epochs(solution.time_ns, np.where(accepted, value, np.nan)):
         band = (value[piece] - 3.0 * sd[piece], value[piece] + 3.0 * sd[piece])
+        if len(piece) == 1:
+            # A band has no width here.
+            ax.vlines(time[piece], *band, color=STATUS_COLORS[Status.FIXED], alpha=BAND_ALPHA, linewidth=1.5)
+            continue
         ax.fill_between(time[piece], *band, color=STATUS_COLORS[Status.FIXED], alpha=BAND_ALPHA, linewidth=0)
         ax.plot(time[piece], value[piece], color=STATUS_COLORS[Status.FIXED], linewidth=0.6, alpha=0.6)
     for status in (Status.FLOAT, Status.HELD, Status.FIXED):

@@ -16,6 +16,7 @@ from .style import (
     BAND_ALPHA,
     STATUS_COLORS,
     SYSTEM_COLORS,
+    accepted_rows,
     azimuth_for_plot,
     caption,
     length_reference,
@@ -221,6 +222,7 @@ def _band(go, time_ns, time, value, sd, accepted):
     """The 3-sigma band as closed outlines, one for each run of epochs without gap or jump."""
     traces = []
     red, green, blue = (int(STATUS_COLORS[Status.FIXED][k : k + 2], 16) for k in (1, 3, 5))
+    color = f"rgba({red},{green},{blue},{BAND_ALPHA})"
     for piece in runs_of_epochs(time_ns, np.where(accepted, value, np.nan)):
         upper, lower = value[piece] + 3.0 * sd[piece], value[piece] - 3.0 * sd[piece]
         traces.append(
@@ -229,8 +231,9 @@ def _band(go, time_ns, time, value, sd, accepted):
                 y=np.concatenate([upper, lower[::-1]]),
                 fill="toself",
                 mode="lines",
-                line={"width": 0},
-                fillcolor=f"rgba({red},{green},{blue},{BAND_ALPHA})",
+                # The outline shows single epochs between gaps, where a band has no width.
+                line={"width": 1.5 if len(piece) == 1 else 0, "color": color},
+                fillcolor=color,
                 hoverinfo="skip",
                 name="3 sigma of accepted",
                 legendgroup="band",
@@ -243,8 +246,9 @@ def _band(go, time_ns, time, value, sd, accepted):
 def _residuals(go, solution, time):
     """Phase residuals, one colour for each system, a legend entry for each satellite."""
     figure = go.Figure()
-    drawn = thin_rows(len(solution.residual_sat), _MAX_POINTS)
-    sats = np.unique(solution.residual_sat)
+    known = accepted_rows(solution)
+    sats = np.unique(solution.residual_sat[known])
+    drawn = known[thin_rows(len(known), _MAX_POINTS)]
     for k, sat in enumerate(sats):
         rows = drawn[solution.residual_sat[drawn] == sat]
         name = sat_name(int(sat))
@@ -282,8 +286,9 @@ def _residuals(go, solution, time):
 def _sky(go, solution):
     """Where the satellites stood."""
     figure = go.Figure()
-    for sat in np.unique(solution.residual_sat):
-        rows = np.flatnonzero(solution.residual_sat == sat)
+    known = accepted_rows(solution)
+    for sat in np.unique(solution.residual_sat[known]):
+        rows = known[solution.residual_sat[known] == sat]
         rows = rows[thin_rows(len(rows), 200)]
         name = sat_name(int(sat))
         figure.add_trace(

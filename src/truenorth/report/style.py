@@ -16,6 +16,7 @@ __all__ = [
     "BAND_ALPHA",
     "STATUS_COLORS",
     "SYSTEM_COLORS",
+    "accepted_rows",
     "azimuth_for_plot",
     "caption",
     "length_reference",
@@ -125,6 +126,12 @@ def length_reference(solution):
     use = solution.is_accepted if np.any(solution.is_accepted) else np.isfinite(solution.length_m)
     measured = solution.length_m[use & np.isfinite(solution.length_m)]
     return (float(np.median(measured)) if len(measured) else np.nan), "median"
+
+
+def accepted_rows(solution):
+    """Rows of the phase residuals that belong to accepted epochs and exist, as indices."""
+    shown = solution.is_accepted[solution.residual_epoch] & np.isfinite(solution.residual_m)
+    return np.flatnonzero(shown)
 
 
 def thin_rows(n_rows, limit):

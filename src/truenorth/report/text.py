@@ -194,16 +194,17 @@ def _tests(solution, k):
     chi2, chi2_limit = solution.chi2[k], solution.chi2_limit[k]
     if np.isfinite(chi2) and np.isfinite(chi2_limit):
         add("residuals (chi2)", f"{chi2:.2f}", "against at most", f"{chi2_limit:.2f}", chi2 <= chi2_limit)
-    length_m, sd_m = solution.length_m[k], solution.length_sd_m[k]
+    length_m, sd_m = _candidate_length(solution, k)
     declared_m = settings.get("length_m")
     if declared_m is not None and np.isfinite(length_m) and settings.get("length_use") != "off":
         limit_m = settings.get("length_tolerance_sd", 4.0) * np.hypot(settings.get("length_sd_m", 0.0), sd_m)
+        passed = abs(length_m - declared_m) <= limit_m
         add(
             "length",
             f"{1e3 * (length_m - declared_m):+.1f}",
             f"({length_m:.4f} measured, {declared_m:.4f} declared) against at most",
             f"{1e3 * limit_m:.1f}",
-            abs(length_m - declared_m) <= limit_m,
+            passed,
             " mm",
         )
     probability = solution.success_probability[k]
@@ -223,14 +224,23 @@ def _tests(solution, k):
             add("ratio", f"{ratio:.2f}", "against at least", f"{limit:g}", ratio >= limit)
         else:
             lines.append(f"{'ratio':20s} {ratio:.2f} (ratio test: {settings.get('ratio_test', 'none')})")
-    return lines or ["none could be made"]
+    return lines or ["no integer candidate was left to be tested"]
+
+
+def _candidate_length(solution, k):
+    """Length and deviation that the length test saw: of the best candidate, else of the solution."""
+    if solution.candidate_length_m is not None:
+        return solution.candidate_length_m[k], solution.candidate_length_sd_m[k]
+    if not solution.is_accepted[k]:
+        return np.nan, np.nan
+    return solution.length_m[k], solution.length_sd_m[k]
 
 
 def _signals(solution, k):
     """The satellites of an epoch with their residuals, highest first."""
     rows = np.flatnonzero(solution.residual_epoch == k)
     if len(rows) == 0:
-        return ["satellites  no residuals are kept for this epoch"]
+        return ["satellites  none took part"]
     rows = rows[np.lexsort((solution.residual_signal[rows], -solution.residual_elevation_rad[rows]))]
     lines = ["satellites  signal  elevation  azimuth  residual     integer"]
     for row in rows:
@@ -239,15 +249,15 @@ def _signals(solution, k):
             word = "reference"
         else:
             word = f"{integer:.0f}" if np.isfinite(integer) else "float"
-        sat, signal = (
-            sat_name(int(solution.residual_sat[row])),
-            signal_name(int(solution.residual_signal[row])),
-        )
+        sat = sat_name(int(solution.residual_sat[row]))
+        signal = signal_name(int(solution.residual_signal[row]))
+        residual_m = solution.residual_m[row]
+        residual = f"{1e3 * residual_m:+8.1f} mm" if np.isfinite(residual_m) else f"{'none':>11s}"
         lines.append(
             f"  {sat:9s} {signal:6s} "
             f"{np.degrees(solution.residual_elevation_rad[row]):8.1f} "
             f"{np.degrees(solution.residual_azimuth_rad[row]) % 360.0:9.1f} "
-            f"{1e3 * solution.residual_m[row]:+8.1f} mm {word:>9s}"
+            f"{residual} {word:>9s}"
         )
     return lines
 
