@@ -17,11 +17,13 @@ def carry_matrix(old_key, old_reference, new_key, new_reference):
 
     Parameters
     ----------
-    old_key, new_key : ndarray of int, shape (m,) and (n,)
-        Identity of each row's satellite and signal.
-    old_reference, new_reference : ndarray of int or None
-        The same identity for the row's reference satellite. Without them a key stands for the whole
-        double difference, and only rows with equal keys are carried.
+    old_key : ndarray of int, shape (m,)
+        Identity of each old row's satellite and signal.
+    old_reference : ndarray of int, shape (m,), or None
+        The same identity for the row's reference satellite. Without references a key stands for the
+        whole double difference, and only rows with equal keys are carried.
+    new_key, new_reference : ndarray of int, shape (n,), or None
+        The same for the new rows.
 
     Returns
     -------
