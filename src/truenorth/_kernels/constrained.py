@@ -22,9 +22,10 @@ from .jit import kernel
 @kernel
 def eigen_symmetric_3(matrix, values, vectors):
     """Eigenvalues (ascending) and eigenvectors (columns) of a symmetric 3 x 3 matrix, by Jacobi."""
-    a = matrix.copy()
+    a = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
+            a[i, j] = matrix[i, j]
             vectors[i, j] = 1.0 if i == j else 0.0
     for _ in range(30):
         off = abs(a[0, 1]) + abs(a[0, 2]) + abs(a[1, 2])
@@ -136,9 +137,8 @@ def nearest_on_shell(centre, information, length, variance, b):
 
 @kernel
 def search_shell(
-    n, lower, diag, z_float, gain, b_float, information, axes, mu, j_min,
-    length, variance, cap, margin, max_nodes,
-    z_best, cost_best, b_best, b_free, step, z_now, z_cond, partial, sums,
+    n, lower, diag, z_float, gain, b_float, information, mu, j_min,
+    length, variance, cap, margin, max_nodes, z_best, costs, b_best, b_free,
 ):  # fmt: skip
     """Enumerate decorrelated integers depth first and evaluate the exact objective at each leaf.
 
@@ -154,7 +154,7 @@ def search_shell(
         Baseline shift per unit of (z_float - z), in the eigenframe.
     b_float : ndarray, shape (3,)
         Float baseline with the pseudo-observation, in the eigenframe.
-    information, axes : ndarray
+    information : ndarray, shape (3,)
         Eigenvalues of the information on b once the integers are known (without mu).
     mu, j_min : float
         Weight of the pseudo-observation and the least value of its objective.
@@ -166,10 +166,9 @@ def search_shell(
         Candidates within this of the best count for the posterior probability.
     max_nodes : int
         Give up after so many nodes.
-    z_best, cost_best, b_best, b_free : ndarray, shapes (2, n), (2,), (2, 3), (2, 3)
-        Outputs: the two best, their objective, constrained and unconstrained baselines (eigenframe).
-    step, z_now, z_cond, partial, sums : ndarray
-        Scratch of shapes (n,), (n,), (n,), (n + 1,), (n, n).
+    z_best, costs, b_best, b_free : ndarray, shapes (n,), (2,), (3,), (3,)
+        Outputs: the best integers, the two least objectives, and the best's constrained and
+        unconstrained baselines (eigenframe).
 
     Returns
     -------
@@ -177,115 +176,104 @@ def search_shell(
         Candidates evaluated within the cap.
     nodes : int
         Nodes visited.
-    complete : int
-        1 when the search was exhaustive.
-    log_mass : float
-        Logarithm of the posterior mass of all candidates relative to the best one.
+    complete : bool
+        The search was exhaustive.
+    probability : float
+        Posterior probability of the best: exp(-C/2) and the volume its baseline may take, over the
+        sum of all candidates.
     """
     constrained = length == length
     offset = 0.0
     if constrained:
         offset = mu * length * length / (1.0 - mu * variance)
-    cost_best[0] = np.inf
-    cost_best[1] = np.inf
+    costs[0] = np.inf
+    costs[1] = np.inf
     limit = cap
     bound = limit + offset - j_min
     found = 0
     nodes = 0
-    complete = 1
-    best_log_volume = 0.0
-    # Posterior mass relative to exp(-reference / 2): rescaled whenever a better one is found.
+    complete = True
+    best_volume = 1.0
+    # Posterior mass relative to exp(-best / 2): rescaled whenever a better one is found.
     mass = 0.0
-    reference = np.inf
     c = np.empty(3)
     b = np.empty(3)
+    step = np.empty(n)
+    z_now = np.empty(n)
+    z_cond = np.empty(n)
+    partial = np.zeros(n + 1)
+    sums = np.zeros((n, n))
     k = n - 1
-    for i in range(n):
-        for j in range(n):
-            sums[i, j] = 0.0
-    partial[n] = 0.0
     z_cond[k] = z_float[k]
     z_now[k] = np.floor(z_cond[k] + 0.5)
     step[k] = 1.0 if z_cond[k] >= z_now[k] else -1.0
     while True:
         nodes += 1
         if nodes > max_nodes:
-            complete = 0
+            complete = False
             break
         gap = z_cond[k] - z_now[k]
         here = partial[k + 1] + gap * gap / diag[k]
-        if here <= bound:
-            if k > 0:
-                partial[k] = here
-                for i in range(k):
-                    sums[k - 1, i] = sums[k, i] + (z_now[k] - z_cond[k]) * lower[k, i]
-                k -= 1
-                z_cond[k] = z_float[k] + sums[k, k]
-                z_now[k] = np.floor(z_cond[k] + 0.5)
-                step[k] = 1.0 if z_cond[k] >= z_now[k] else -1.0
-                continue
+        if here > bound:
+            # No sibling further out can be closer: go up.
+            k += 1
+            if k == n:
+                break
+        elif k > 0:
+            partial[k] = here
+            for i in range(k):
+                sums[k - 1, i] = sums[k, i] + (z_now[k] - z_cond[k]) * lower[k, i]
+            k -= 1
+            z_cond[k] = z_float[k] + sums[k, k]
+            z_now[k] = np.floor(z_cond[k] + 0.5)
+            step[k] = 1.0 if z_cond[k] >= z_now[k] else -1.0
+            continue
+        else:
             # A leaf: exact objective.
             cost = j_min + here
+            norm = 0.0
             for i in range(3):
                 value = b_float[i]
                 for j in range(n):
                     value -= gain[i, j] * (z_float[j] - z_now[j])
                 c[i] = value * (information[i] + mu) / information[i]
+                b[i] = c[i]
                 cost -= mu * value * c[i]
-            log_volume = 0.0
+                norm += c[i] * c[i]
+            volume = 1.0
             if constrained:
-                norm = np.sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2])
-                if cost + (norm - length) ** 2 / (1.0 / information[0] + variance) <= limit:
+                short = np.sqrt(norm) - length
+                if cost + short * short / (1.0 / information[0] + variance) <= limit:
                     nu, inner = nearest_on_shell(c, information, length, variance, b)
                     cost += inner
-                    product = 1.0
                     inverse = 0.0
-                    square = b[0] * b[0] + b[1] * b[1] + b[2] * b[2]
+                    norm = b[0] * b[0] + b[1] * b[1] + b[2] * b[2]
                     for i in range(3):
+                        # The free part of the baseline: the tangent plane at b.
                         stiff = max(information[i] + nu, 1e-9 * information[i])
-                        product *= stiff
-                        inverse += b[i] * b[i] / (square * stiff)
-                    log_volume = -0.5 * np.log(product * inverse)
+                        volume *= stiff
+                        inverse += b[i] * b[i] / (norm * stiff)
+                    volume = 1.0 / np.sqrt(volume * inverse)
                 else:
                     cost = np.inf
-            else:
-                for i in range(3):
-                    b[i] = c[i]
             if cost <= limit:
                 found += 1
-                if cost < reference:
-                    # Shift the reference to the new best.
-                    mass *= np.exp(-0.5 * (reference - cost)) if reference < np.inf else 0.0
-                    reference = cost
-                mass += np.exp(-0.5 * (cost - reference) + log_volume)
-                if cost < cost_best[0]:
-                    cost_best[1] = cost_best[0]
+                if cost < costs[0]:
+                    mass = mass * np.exp(0.5 * (cost - costs[0])) + volume
+                    costs[1] = costs[0]
+                    costs[0] = cost
+                    best_volume = volume
                     for j in range(n):
-                        z_best[1, j] = z_best[0, j]
-                        z_best[0, j] = z_now[j]
+                        z_best[j] = z_now[j]
                     for i in range(3):
-                        b_best[1, i] = b_best[0, i]
-                        b_free[1, i] = b_free[0, i]
-                        b_best[0, i] = b[i]
-                        b_free[0, i] = c[i]
-                    cost_best[0] = cost
-                    best_log_volume = log_volume
+                        b_best[i] = b[i]
+                        b_free[i] = c[i]
                     limit = min(cap, cost + margin)
                     bound = limit + offset - j_min
-                elif cost < cost_best[1]:
-                    cost_best[1] = cost
-                    for j in range(n):
-                        z_best[1, j] = z_now[j]
-                    for i in range(3):
-                        b_best[1, i] = b[i]
-                        b_free[1, i] = c[i]
-        else:
-            # No sibling further out can be closer: go up.
-            k += 1
-            if k == n:
-                break
+                else:
+                    mass += volume * np.exp(0.5 * (costs[0] - cost))
+                    costs[1] = min(costs[1], cost)
         # Next sibling in zig-zag order.
         z_now[k] += step[k]
         step[k] = -step[k] - (1.0 if step[k] > 0.0 else -1.0)
-    log_mass = np.log(mass) - best_log_volume if mass > 0.0 else np.inf
-    return found, nodes, complete, log_mass
+    return found, nodes, complete, best_volume / mass if found > 0 else np.nan

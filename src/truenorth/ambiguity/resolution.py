@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import Reason, Status
 from ..observations import sat_name, signal_name
 from ..timescales import NS_PER_S
-from .slips import find_arcs
+from .slips import Arcs, find_arcs
 
 __all__ = ["ResolvedEpochs", "resolve_epochs"]
 
@@ -29,17 +29,24 @@ MAX_NODES = 5_000_000
 MAX_EXCLUSIONS = 2
 """Outlying phases that one epoch may lose before it is given up."""
 
+UNKNOWN_LENGTH_CHANGE_M = 1.0
+"""How far a baseline of unknown length may turn between epochs, in the test for slips."""
+
 DISAGREEMENT_M = 0.03
 """Forward and backward baselines further apart than this have different integers."""
 
-RATIO_MODES = {"none": 0, "fixed": 1, "fixed_failure_rate": 1, "difference": 2}
 
-FILTER_EVENTS = {
-    1: ("fixed", "integers accepted by the search: probability {statistic:.6f}, demanded {limit:g}"),
-    2: ("released", "integer of {name} released: residual {statistic:+.4f} m, sd {limit:.4f} m"),
-    3: ("released", "all held integers released: test {statistic:.4g}, limit {limit:.4g}"),
-    4: ("held", "integer of {name} added: {statistic:.4f} m from the nearest, limit {limit:.4f} m"),
+ENGINE_EVENTS = {
+    1: ("fixed", "integers accepted and held: probability {statistic:.6f}, demanded {limit:g}"),
+    2: ("released", "integer of {name} released: an outlier {limit:g} times, last {statistic:.1f} sigma"),
+    3: ("released", "all held integers released: residual test {statistic:.1f}, limit {limit:.1f}"),
+    4: ("released", "all held integers released: length off by {statistic:.1f} sigma, limit {limit:g}"),
+    5: ("held", "integer of {name} held too: {statistic:.4f} m from the nearest, limit {limit:.4f} m"),
+    6: ("outlier", "phase of {name} excluded: the largest normalised residual, {statistic:.1f} sigma"),
 }
+"""Kinds of events of the compiled engine and their sentences."""
+
+MAX_DOF = 400
 
 SAMPLE_EPOCHS = 120
 PRIOR_DOF = 10.0
@@ -56,7 +63,7 @@ class ResolvedEpochs:
     Parameters
     ----------
     table : ndarray, shape (n_epochs, n_columns)
-        Numbers of each epoch, columns of `truenorth._kernels.baseline`.
+        Numbers of each epoch, columns of `truenorth._kernels.engine`.
     status, reason : ndarray of uint8, shape (n_epochs,)
         Codes of `Status` and `Reason`.
     row : ndarray of int64, shape (m,)
@@ -86,13 +93,6 @@ def _select_rows(differences, keep):
     """Rows to keep and their epoch offsets."""
     cumulative = np.concatenate(([0], np.cumsum(keep)))
     return np.flatnonzero(keep).astype(np.int64), cumulative[differences.start].astype(np.int64)
-
-
-def chi2_limits(significance, n=200):
-    """Upper chi-square limits by degrees of freedom 0 to n - 1, for the kernels."""
-    from ..positioning.single_point import _chi2_limits
-
-    return np.ascontiguousarray(_chi2_limits(n, significance))
 
 
 def _prior(settings):
@@ -140,24 +140,41 @@ def resolve_epochs(differences, base, rover, settings, *, progress=None):
     factors = (1.0, 1.0)
     if settings.stochastic.estimate:
         factors = _estimate_variance_factors(differences, settings)
-    if settings.method in ("constrained", "lambda") and settings.single_epoch:
-        return _resolve_alone(differences, settings, factors)
-    if settings.method in ("constrained", "lambda", "filter"):
-        return _resolve_filtered(differences, base, rover, settings, factors)
-    from .classical import resolve_classical
+    if settings.method not in ("constrained", "lambda", "filter"):
+        from .classical import resolve_classical
 
-    return resolve_classical(differences, base, rover, settings, factors, progress=progress)
+        return resolve_classical(differences, settings, factors, progress=progress)
+    if settings.single_epoch:
+        return _run_engine(differences, _no_arcs(differences), settings, factors)
+    change = settings.length_m if settings.length_m is not None else UNKNOWN_LENGTH_CHANGE_M
+    arcs = find_arcs(differences, base, rover, baseline_change_m=change)
+    if settings.direction == "combined":
+        result = _combine(
+            _run_engine(differences, arcs, settings, factors),
+            _run_engine(differences, arcs, settings, factors, backward=True),
+        )
+    else:
+        backward = settings.direction == "backward"
+        result = _run_engine(differences, arcs, settings, factors, backward=backward)
+    result.events.extend(arcs.events)
+    return result
 
 
-def _resolve_alone(differences, settings, factors, epochs=None):
-    """Every epoch by itself, in the compiled engine."""
-    from .._kernels import baseline as kernel
+def _no_arcs(differences):
+    """Rows numbered by satellite and signal: identities for an engine that remembers nothing."""
+    key = differences.sat.astype(np.int64) * 1000 + differences.signal
+    _, arc = np.unique(key, return_inverse=True)
+    return Arcs(arc.astype(np.int64), int(arc.max(initial=-1)) + 1, [])
+
+
+def _run_engine(differences, arcs, settings, factors, *, backward=False, epochs=None):
+    """One pass of the compiled engine over all epochs, or over the few of `epochs`."""
+    from .._kernels import engine
+    from .acceptance import chi2_limits
 
     d = differences
     keep_phase = np.isfinite(d.phase_m) & d.integer_ok
-    keep_code = np.isfinite(d.code_m)
-    if not settings.use_code:
-        keep_code[:] = False
+    keep_code = np.isfinite(d.code_m) & settings.use_code
     if epochs is not None:
         chosen = np.zeros(d.n_epochs, bool)
         chosen[epochs] = True
@@ -167,129 +184,83 @@ def _resolve_alone(differences, settings, factors, epochs=None):
     row, start = _select_rows(d, keep_phase)
     code_row, code_start = _select_rows(d, keep_code)
     n = d.n_epochs
-    table = np.empty((n, kernel.N_COLUMNS))
-    status = np.zeros(n, np.uint8)
-    reason = np.zeros(n, np.uint8)
-    residual = np.empty(len(row))
-    integer = np.empty(len(row))
-    excluded = np.zeros(len(row))
-    known = settings.length_m is not None and settings.length_use != "off"
-    in_search = known and settings.length_use == "constrain" and settings.method == "constrained"
-    prior_information, prior_rhs = _prior(settings)
-    kernel.solve_single_epochs(
-        start, d.phase_m[row], d.design_enu[row], d.wavelength_m[row],
-        factors[0] * d.phase_variance_m2[row], d.group[row],
-        code_start, d.code_m[code_row], d.design_enu[code_row],
-        factors[1] * d.code_variance_m2[code_row], d.group[code_row],
-        prior_information, prior_rhs,
-        float(settings.length_m) if known else np.nan,
-        float(settings.length_sd_m) ** 2,
-        in_search,
-        known and settings.length_use in ("constrain", "check"),
-        float(settings.length_tolerance_sd), PSEUDO_WEIGHT, SEARCH_CAP_FACTOR, SEARCH_MARGIN, MAX_NODES,
-        chi2_limits(settings.residual_significance),
-        float(settings.success_probability), RATIO_MODES[settings.ratio_test], float(settings.ratio_threshold),
-        MAX_EXCLUSIONS, residual, integer, excluded, table, status, reason,
-    )  # fmt: skip
-    reason[~d.has_position] = Reason.NO_POSITION
-    status[~d.has_position] = Status.NONE
-    log = []
-    for k in np.flatnonzero(excluded):
-        epoch = np.searchsorted(start, k, side="right") - 1
-        name, tracking = sat_name(int(d.sat[row[k]])), signal_name(int(d.signal[row[k]]))
-        log.append((int(d.time_ns[epoch]), "outlier", name, tracking, float(excluded[k]), np.nan,
-                    f"phase of {name} {tracking} excluded: normalised residual {excluded[k]:.1f}"))  # fmt: skip
-    return ResolvedEpochs(table, status, reason, row, start, residual, integer, factors, log)
-
-
-def _resolve_filtered(differences, base, rover, settings, factors):
-    """Ambiguities carried over the epochs, in the compiled filter; forward, backward or both."""
-    change = settings.length_m if settings.length_m is not None else 1.0
-    arcs = find_arcs(differences, base, rover, baseline_change_m=change)
-    resolved = {}
-    directions = ("forward", "backward") if settings.direction == "combined" else (settings.direction,)
-    for direction in directions:
-        resolved[direction] = _run_filter(differences, arcs, settings, factors, direction == "backward")
-    if settings.direction == "combined":
-        result = _combine(resolved["forward"], resolved["backward"])
-    else:
-        result = resolved[directions[0]]
-    result.events.extend(arcs.events)
-    return result
-
-
-def _run_filter(differences, arcs, settings, factors, backward):
-    """One pass of the compiled filter."""
-    from .._kernels import baseline as columns
-    from .._kernels import filter as kernel
-
-    d = differences
-    keep_phase = np.isfinite(d.phase_m) & d.integer_ok
-    keep_code = np.isfinite(d.code_m) & settings.use_code
-    row, start = _select_rows(d, keep_phase)
-    code_row, code_start = _select_rows(d, keep_code)
-    n = d.n_epochs
-    # The integer part of phase minus code keeps the numbers inside the filter small.
-    offset = np.zeros(arcs.n_arcs)
-    arc = arcs.arc[row]
-    apart = np.nan_to_num((d.phase_m[row] - d.code_m[row]) / d.wavelength_m[row])
-    first = np.unique(arc, return_index=True)
-    offset[first[0]] = np.rint(apart[first[1]])
-    y = d.phase_m[row] - d.wavelength_m[row] * offset[arc]
-    order, code_order = row_order = np.arange(len(row)), np.arange(len(code_row))
-    epochs = np.arange(n)
+    order = np.arange(n)
     if backward:
-        epochs = epochs[::-1]
-        order, start = _reverse(start)
-        code_order, code_start = _reverse(code_start)
-        row, y, arc, code_row = row[order], y[order], arc[order], code_row[code_order]
-    del row_order
+        order = order[::-1]
+        turn, start = _reverse(start)
+        row = row[turn]
+        turn, code_start = _reverse(code_start)
+        code_row = code_row[turn]
+    arc = arcs.arc[row]
+    # Whole cycles of phase minus code stay outside the engine, so its numbers are small.
+    apart = np.nan_to_num((d.phase_m[row] - d.code_m[row]) / d.wavelength_m[row])
+    offset = np.zeros(max(arcs.n_arcs, 1))
+    if settings.single_epoch or epochs is not None:
+        offset_row = np.rint(apart)
+    else:
+        first_arc, first_row = np.unique(arc, return_index=True)
+        offset[first_arc] = np.rint(apart[first_row])
+        offset_row = offset[arc]
+
     known = settings.length_m is not None and settings.length_use != "off"
-    in_search = known and settings.length_use == "constrain" and settings.method != "lambda"
-    table = np.empty((n, columns.N_COLUMNS))
+    use_length = known and settings.length_use == "constrain" and settings.method != "lambda"
+    prior_information, prior_rhs = _prior(settings)
+    ratio_mode, ratio_limits = _ratio_limits(settings)
+    table = np.empty((n, engine.N_COLUMNS))
     status, reason = np.zeros(n, np.uint8), np.zeros(n, np.uint8)
     residual, integer = np.empty(len(row)), np.empty(len(row))
-    capacity = 20 * n + 100
-    events, numbers = np.empty((capacity, 3), np.int64), np.empty((capacity, 2))
-    n_events = kernel.run_filter(
-        (d.time_ns[epochs] - d.time_ns[0]) / NS_PER_S, start, y, d.design_enu[row], d.wavelength_m[row],
-        factors[0] * d.phase_variance_m2[row], d.group[row], arc, arcs.n_arcs,
-        code_start, d.code_m[code_row], d.design_enu[code_row], factors[1] * d.code_variance_m2[code_row],
-        d.group[code_row],
-        float(settings.length_m) if known else np.nan, float(settings.length_sd_m) ** 2, in_search,
+    events, numbers = np.empty((20 * n + 100, 3), np.int64), np.empty((20 * n + 100, 2))
+    n_events = engine.run_engine(
+        (d.time_ns[order] - d.time_ns[0]) / NS_PER_S, start,
+        d.phase_m[row] - d.wavelength_m[row] * offset_row, d.design_enu[row], d.wavelength_m[row],
+        factors[0] * d.phase_variance_m2[row], d.group[row], arc, max(arcs.n_arcs, 1),
+        code_start, d.code_m[code_row], d.design_enu[code_row],
+        factors[1] * d.code_variance_m2[code_row], d.group[code_row], prior_information, prior_rhs,
+        float(settings.length_m) if known else np.nan, float(settings.length_sd_m) ** 2, use_length,
         known and settings.length_use in ("constrain", "check"), float(settings.length_tolerance_sd),
         PSEUDO_WEIGHT, SEARCH_CAP_FACTOR, SEARCH_MARGIN, MAX_NODES,
-        chi2_limits(settings.residual_significance), float(settings.success_probability),
-        RATIO_MODES[settings.ratio_test], float(settings.ratio_threshold),
-        settings.stochastic.correlation_s, settings.stochastic.memory_epochs, settings.method == "filter",
-        settings.min_epochs_to_fix,
-        residual, integer, table, status, reason, events, numbers,
+        np.array(chi2_limits(settings.residual_significance, MAX_DOF)),
+        float(settings.success_probability), ratio_mode, ratio_limits, MAX_EXCLUSIONS,
+        not settings.single_epoch and epochs is None, settings.method == "filter" and not settings.single_epoch,
+        float(settings.stochastic.correlation_s), float(settings.stochastic.memory_epochs),
+        settings.min_epochs_to_fix, residual, integer, table, status, reason, events, numbers,
     )  # fmt: skip
-    integer += offset[arc]
-    # Integers against the first row of each group, as in the single-epoch engine.
+    # Integers against the first row of their group, whole cycles put back.
+    integer += offset_row
     epoch_of = np.repeat(np.arange(n), np.diff(start))
-    group = d.group[row]
     head = np.ones(len(row), bool)
-    head[1:] = (epoch_of[1:] != epoch_of[:-1]) | (group[1:] != group[:-1])
-    integer -= integer[np.maximum.accumulate(np.where(head, np.arange(len(row)), 0))]
-    if backward:
-        table, status, reason = table[::-1].copy(), status[::-1].copy(), reason[::-1].copy()
-        back, start = _reverse(start)
-        row, residual, integer = row[back], residual[back], integer[back]
-    reason[~d.has_position] = Reason.NO_POSITION
-    status[~d.has_position] = Status.NONE
+    head[1:] = (epoch_of[1:] != epoch_of[:-1]) | (d.group[row][1:] != d.group[row][:-1])
+    reference = np.maximum.accumulate(np.where(head, np.arange(len(row)), 0))
+    integer -= np.where(np.isfinite(integer[reference]), integer[reference], 0.0)
+
     log = []
     for k in range(n_events):
-        epoch = epochs[events[k, 0]]
         at = int(events[k, 1])
-        name = tracking = ""
+        name, tracking = "", ""
         if at >= 0:
-            source = (row[np.argsort(order)] if backward else row)[at]
-            name, tracking = sat_name(int(d.sat[source])), signal_name(int(d.signal[source]))
-        kind, text = FILTER_EVENTS[int(events[k, 2])]
-        log.append((int(d.time_ns[epoch]), kind, name, tracking, float(numbers[k, 0]), float(numbers[k, 1]),
-                    text.format(name=f"{name} {tracking}".strip(), statistic=numbers[k, 0], limit=numbers[k, 1])))  # fmt: skip
+            name, tracking = sat_name(int(d.sat[row[at]])), signal_name(int(d.signal[row[at]]))
+        kind, text = ENGINE_EVENTS[int(events[k, 2])]
+        statistic, limit = float(numbers[k, 0]), float(numbers[k, 1])
+        text = text.format(name=f"{name} {tracking}", statistic=statistic, limit=limit)
+        log.append((int(d.time_ns[order[events[k, 0]]]), kind, name, tracking, statistic, limit, text))
+    if backward:
+        table, status, reason = table[::-1].copy(), status[::-1].copy(), reason[::-1].copy()
+        turn, start = _reverse(start)
+        row, residual, integer = row[turn], residual[turn], integer[turn]
+    reason[~d.has_position] = Reason.NO_POSITION
+    status[~d.has_position] = Status.NONE
     return ResolvedEpochs(table, status, reason, row, start, residual, integer, factors, log)
+
+
+def _ratio_limits(settings):
+    """Mode of the ratio test and its limits by the number of double differences."""
+    limits = np.full(MAX_DOF, float(settings.ratio_threshold))
+    if settings.ratio_test == "fixed_failure_rate":
+        from .acceptance import tabulated_ratio_threshold
+
+        # Without the model's own failure rate the table's weakest acceptable column stands.
+        limits = np.array([tabulated_ratio_threshold(max(n, 2), 0.1, settings.failure_rate) for n in range(MAX_DOF)])
+    return {"none": 0, "fixed": 1, "fixed_failure_rate": 1, "difference": 2}[settings.ratio_test], limits
 
 
 def _reverse(start):
@@ -306,7 +277,7 @@ def _combine(forward, backward):
     Both directions use the same observations of an epoch, so once their integers agree their fixed
     baselines are the same adjustment; where accepted integers disagree the epoch is not accepted.
     """
-    from .._kernels import baseline as columns
+    from .._kernels import engine as columns
 
     accepted_f = forward.status >= Status.HELD
     accepted_b = backward.status >= Status.HELD
@@ -336,11 +307,11 @@ def _estimate_variance_factors(differences, settings):
     The medians over the epochs of the winners' chi-square over its expectation: wrong winners of the
     worst epochs do not move them. A prior of a few degrees of freedom at 1 keeps short runs sane.
     """
-    from .._kernels import baseline as kernel
+    from .._kernels import engine as kernel
 
     d = differences
     sample = np.unique(np.linspace(0, d.n_epochs - 1, min(d.n_epochs, SAMPLE_EPOCHS)).astype(int))
-    resolved = _resolve_alone(d, settings, (1.0, 1.0), epochs=sample)
+    resolved = _run_engine(d, _no_arcs(d), settings, (1.0, 1.0), epochs=sample)
     chi2 = resolved.table[sample, kernel.CHI2]
     dof = resolved.table[sample, kernel.CHI2_DOF]
     phase = _median_factor(chi2, dof)

@@ -111,7 +111,7 @@ def _read_inputs(base, rover, navigation):
 
 def _assemble(differences, resolved, settings):
     """The public result from the engine's table."""
-    from .._kernels import baseline as kernel
+    from .._kernels import engine as kernel
 
     d, r = differences, resolved
     n = d.n_epochs
@@ -125,7 +125,7 @@ def _assemble(differences, resolved, settings):
         return np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(n, 3, 3)
 
     enu = np.where(fixed[:, None], table[:, kernel.BX : kernel.BZ + 1], np.nan)
-    enu[is_float] = table[is_float, kernel.FLOAT_X : kernel.FLOAT_Z + 1]
+    enu[is_float] = table[is_float, kernel.FLOAT_X : kernel.FLOAT_X + 3]
     cov = np.where(fixed[:, None, None], symmetric(kernel.COV), np.nan)
     cov[is_float] = symmetric(kernel.FLOAT_COV)[is_float]
     length = np.where(fixed, table[:, kernel.LENGTH], np.linalg.norm(enu, axis=1))
