@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from truenorth.cli import app
+from truenorth.cli.app import app
 
 N_EPOCHS = 10
 LENGTH_M = 0.9902

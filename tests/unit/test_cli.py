@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 import truenorth.attitude
 from synthetic_solution import make_solution
 from truenorth import __version__
-from truenorth.cli import app
+from truenorth.cli.app import app
+from truenorth.cli.quick import parse_solve
 from truenorth.config import GnssSettings
 from truenorth.errors import (
     ConfigError,
@@ -245,7 +246,7 @@ def test_version_and_help():
 
 def test_help_loads_nothing_heavy():
     code = (
-        "import sys\nfrom truenorth.cli import app\n"
+        "import sys\nfrom truenorth.cli.app import app\n"
         "try: app(['--help'])\nexcept SystemExit: pass\n"
         "heavy = {'numpy', 'numba', 'scipy', 'polars', 'xarray', 'matplotlib', 'plotly', 'rich'}\n"
         "assert not heavy & set(sys.modules), heavy & set(sys.modules)"
@@ -303,3 +304,66 @@ def test_a_reader_that_goes_away_is_no_error():
     assert process.wait(timeout=30) == 0
     assert stderr == ""
     process.stderr.close()
+
+
+COMMAND_LINES = [
+    "base.obs rover.obs brdc.nav",
+    "base.obs rover.obs brdc.nav --length 0.99 --length-sd=0.003 --json",
+    "--mask 10 base.obs --systems GE --bands L1,L2 rover.obs brdc.nav --single-epoch",
+    "base.obs rover.obs --method filter --direction combined --no-single-epoch --cn0-mask 30 --bands=L1",
+    "base.obs rover.obs --set a.b=1 --set c=x --ratio-test fixed --ratio-threshold 2",
+    "base.obs rover.obs --out r.csv --figure=p.png --explain 08:20:00 --length-use check --length -3",
+    "base.obs rover.obs --success-probability .9 --ratio-test none",
+    "session.toml --mask 5 --mask 7",
+]
+
+
+@pytest.mark.parametrize("line", COMMAND_LINES)
+def test_the_quick_parser_reads_what_typer_reads(line, monkeypatch):
+    calls = []
+
+    def remember(files, overrides, assignments, **outputs):
+        given = {key: value for key, value in overrides.items() if value is not None}
+        wanted = {key: value for key, value in outputs.items() if value not in (None, False)}
+        calls.append((files, given, assignments, wanted))
+        return 0
+
+    monkeypatch.setattr("truenorth.cli.solve.run_solve", remember)
+    result = run("solve", *line.split())
+    assert result.exit_code == 0, result.output
+    quick = parse_solve(["solve", *line.split()])
+    remember(*quick.arguments, **quick.outputs)
+    assert calls[0] == calls[1]
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["", "info a", "--help", "solve", "solve --help", "solve a b -x", "solve a b --mask low",
+     "solve a b --length", "solve a b --json=yes", "solve a b --unknown 3"],
+)  # fmt: skip
+def test_the_quick_parser_leaves_the_rest_to_typer(line):
+    assert parse_solve(line.split()) is None
+
+
+def test_the_quick_parser_knows_every_option():
+    import inspect
+
+    import truenorth.cli.quick as quick
+    from truenorth.cli.request import OPTION_KEYS
+    from truenorth.cli.solve import solve
+
+    known = {*quick._VALUES, *quick._OUTPUTS, *quick._FLAGS, "--set", "--json"}
+    named = {"assign": "--set", "as_json": "--json"}
+    options = {named.get(name, "--" + name.replace("_", "-")) for name in inspect.signature(solve).parameters}
+    assert known - {"--no-single-epoch"} == options - {"--files"}
+    keys = {key: name for name, (key, _) in quick._VALUES.items()}
+    assert {**keys, "single_epoch": "--single-epoch"} == OPTION_KEYS
+
+
+def test_solving_does_not_load_the_parsing_library(tmp_path):
+    code = (
+        "import sys, truenorth.cli\nsys.argv = ['truenorth', 'solve', 'absent.obs', 'absent.obs']\n"
+        "try: truenorth.cli.main()\nexcept SystemExit as end: assert end.code == 3\n"
+        "assert not {'typer', 'rich', 'pydantic'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, stderr=subprocess.DEVNULL, cwd=tmp_path)

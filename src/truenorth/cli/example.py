@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
-
 __all__ = ["list_datasets", "locate_dataset", "solve_example"]
 
 
@@ -17,7 +15,7 @@ def solve_example(
     method: str | None = None,
     single_epoch: bool = False,
     as_json: bool = False,
-) -> None:
+) -> int:
     """Solve a named data set with its published length, and print the published truth beside it.
 
     Parameters
@@ -32,11 +30,16 @@ def solve_example(
         Resolve every epoch by itself.
     as_json : bool
         Tell it as JSON.
+
+    Returns
+    -------
+    int
+        Exit code.
     """
     from .. import datasets
     from ..errors import ConfigError
     from .request import make_session
-    from .solve import run_session
+    from .run import run_session
 
     dataset = datasets.fetch(name)
     if not {"base", "rover"} <= set(dataset.files):
@@ -48,12 +51,11 @@ def solve_example(
         "single_epoch": single_epoch or None,
     }
     session = make_session(files, overrides, [])
-    try:
-        run_session(session, out=out, figure=figure, as_json=as_json)
-    finally:
-        truth = ", ".join(f"{key} {value:g}" for key, value in dataset.truth.items())
-        if truth and not as_json:
-            typer.echo(f"published   {truth}")
+    code = run_session(session, out=out, figure=figure, as_json=as_json)
+    truth = ", ".join(f"{key} {value:g}" for key, value in dataset.truth.items())
+    if truth and not as_json:
+        print(f"published   {truth}")
+    return code
 
 
 def list_datasets(*, as_json: bool = False) -> None:
@@ -73,10 +75,10 @@ def list_datasets(*, as_json: bool = False) -> None:
             }
             for entry in known
         ]
-        typer.echo(json.dumps(table, indent=2))
+        print(json.dumps(table, indent=2))
         return
     for entry in known:
-        typer.echo(f"{entry.name}\n    {entry.summary} ({entry.licence})")
+        print(f"{entry.name}\n    {entry.summary} ({entry.licence})")
 
 
 def locate_dataset(name: str, *, as_json: bool = False) -> None:
@@ -88,6 +90,6 @@ def locate_dataset(name: str, *, as_json: bool = False) -> None:
     dataset = datasets.fetch(name)
     if as_json:
         files = {role: str(path) for role, path in dataset.files.items()}
-        typer.echo(json.dumps({"name": name, "truth": dict(dataset.truth), "files": files}, indent=2))
+        print(json.dumps({"name": name, "truth": dict(dataset.truth), "files": files}, indent=2))
     else:
-        typer.echo(dataset.describe())
+        print(dataset.describe())

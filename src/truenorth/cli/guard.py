@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import functools
 import os
 import sys
-import traceback
 from collections.abc import Callable
 from enum import IntEnum
 from typing import Any
 
-import typer
-
 from ..errors import ConfigError, FormatError, NoSolutionError, TrueNorthError
 
-__all__ = ["ExitCode", "exit_code_of", "guarded"]
+__all__ = ["ExitCode", "exit_code_of", "run_safely"]
 
 
 class ExitCode(IntEnum):
@@ -42,42 +38,40 @@ def exit_code_of(error: BaseException) -> ExitCode:
     return ExitCode.INTERNAL
 
 
-def guarded(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Make a command end with an exit code and one sentence instead of a traceback.
+def run_safely(command: Callable[..., Any], *args: Any, **kwargs: Any) -> int:
+    """Run a command; end with an exit code and one sentence instead of a traceback.
 
     Parameters
     ----------
     command : callable
-        A command function; its signature is kept.
+        Returns an exit code, or None for 0.
+    *args, **kwargs
+        Its arguments.
 
     Returns
     -------
-    callable
+    int
+        Exit code, see `ExitCode`.
     """
-
-    @functools.wraps(command)
-    def run(*args: Any, **kwargs: Any) -> Any:
-        try:
-            result = command(*args, **kwargs)
-            sys.stdout.flush()
-        except BrokenPipeError:
-            # The reader of our output has gone; nothing is left to tell it. Python would complain once
-            # more while closing stdout, so that is pointed to nowhere.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            raise typer.Exit(int(ExitCode.GOOD)) from None
-        except (typer.Exit, typer.Abort, typer.BadParameter):
-            raise
-        except (Exception, KeyboardInterrupt) as error:
-            raise _end(error) from None
-        return result
-
-    return run
+    try:
+        code = command(*args, **kwargs)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # The reader of our output has gone; nothing is left to tell it. Python would complain once
+        # more while closing stdout, so that is pointed to nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return int(ExitCode.GOOD)
+    except (Exception, KeyboardInterrupt) as error:
+        return _tell(error)
+    return int(code or 0)
 
 
-def _end(error: BaseException) -> typer.Exit:
-    """Say what happened and make the exit."""
+def _tell(error: BaseException) -> int:
+    """Say what happened; the exit code that it ends with."""
     code = exit_code_of(error)
     if os.environ.get("TRUENORTH_TRACEBACK", "") not in ("", "0"):
+        import traceback
+
         traceback.print_exception(error)
     if code == ExitCode.INTERRUPTED:
         sentence = "interrupted"
@@ -88,8 +82,8 @@ def _end(error: BaseException) -> typer.Exit:
         )
     else:
         sentence = _one_line(error)
-    typer.echo(f"truenorth: {sentence}", err=True)
-    return typer.Exit(int(code))
+    print(f"truenorth: {sentence}", file=sys.stderr)
+    return int(code)
 
 
 def _one_line(error: BaseException) -> str:

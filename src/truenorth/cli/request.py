@@ -11,7 +11,24 @@ import msgspec
 from ..config import GnssSettings, Session, convert_settings
 from ..errors import ConfigError, FormatError
 
-__all__ = ["make_session"]
+__all__ = ["OPTION_KEYS", "make_session"]
+
+OPTION_KEYS = {
+    "method": "--method",
+    "single_epoch": "--single-epoch",
+    "systems": "--systems",
+    "bands": "--bands",
+    "elevation_mask_deg": "--mask",
+    "cn0_mask_dbhz": "--cn0-mask",
+    "length_m": "--length",
+    "length_sd_m": "--length-sd",
+    "length_use": "--length-use",
+    "ratio_test": "--ratio-test",
+    "ratio_threshold": "--ratio-threshold",
+    "success_probability": "--success-probability",
+    "direction": "--direction",
+}
+"""Options by the setting that each stands for."""
 
 
 def make_session(files: list[Path], overrides: dict[str, Any], assignments: list[str]) -> Session:
@@ -37,8 +54,6 @@ def make_session(files: list[Path], overrides: dict[str, Any], assignments: list
     FormatError
         If a file does not exist.
     """
-    from .solve import OPTION_KEYS
-
     table = {key: value for key, value in overrides.items() if value is not None}
     options = {key: option for key, option in OPTION_KEYS.items() if key in table}
     for text in assignments:

@@ -3,28 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-__all__ = ["run_session", "solve"]
+from .quick import split_names
+from .run import run_solve
 
-OPTION_KEYS = {
-    "method": "--method",
-    "single_epoch": "--single-epoch",
-    "systems": "--systems",
-    "bands": "--bands",
-    "elevation_mask_deg": "--mask",
-    "cn0_mask_dbhz": "--cn0-mask",
-    "length_m": "--length",
-    "length_sd_m": "--length-sd",
-    "length_use": "--length-use",
-    "ratio_test": "--ratio-test",
-    "ratio_threshold": "--ratio-threshold",
-    "success_probability": "--success-probability",
-    "direction": "--direction",
-}
-"""Options by the setting that each stands for."""
+__all__ = ["solve"]
 
 
 def solve(
@@ -75,7 +61,7 @@ def solve(
         typer.Option(metavar="TIME", help="Tell one epoch's story, e.g. 2024-06-24T08:20:00 or 08:20:00."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Summary as JSON on stdout.")] = False,
-) -> None:
+) -> int:
     """Find azimuth and elevation of a baseline for every epoch, with their uncertainty and status."""
     overrides = {
         "length_m": length,
@@ -84,7 +70,7 @@ def solve(
         "method": method,
         "single_epoch": single_epoch,
         "systems": systems,
-        "bands": None if bands is None else [name.strip() for name in bands.split(",")],
+        "bands": None if bands is None else split_names(bands),
         "elevation_mask_deg": mask,
         "cn0_mask_dbhz": cn0_mask,
         "ratio_test": ratio_test,
@@ -92,85 +78,4 @@ def solve(
         "success_probability": success_probability,
         "direction": direction,
     }
-    from .request import make_session
-
-    session = make_session(files, overrides, assign or [])
-    run_session(session, out=out, figure=figure, explain=explain, as_json=as_json)
-
-
-def run_session(
-    session: Any,
-    *,
-    out: Path | None = None,
-    figure: Path | None = None,
-    explain: str | None = None,
-    as_json: bool = False,
-) -> None:
-    """Solve a session, write what was asked for, and tell the outcome.
-
-    Parameters
-    ----------
-    session : Session
-        What to solve.
-    out, figure : Path, optional
-        Files to write.
-    explain : str, optional
-        Time of an epoch whose story is told instead of the summary.
-    as_json : bool
-        Tell it as JSON.
-
-    Raises
-    ------
-    typer.Exit
-        With code 1 when no epoch was accepted.
-    """
-    import json
-    import time
-    import warnings
-
-    from ..errors import TrueNorthWarning
-    from ..export import check_output_path, summarize_solution, write_settings, write_solution
-    from ..report.text import explain_epoch, find_epoch, summary_text
-    from .guard import ExitCode
-    from .progress import working
-
-    if out is not None:
-        check_output_path(out)
-    if figure is not None:
-        from ..report import check_figure_path
-
-        check_figure_path(figure)
-
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", TrueNorthWarning)
-        with working("solving") as progress:
-            from ..attitude import solve_session
-
-            solution = solve_session(session, progress=progress)
-    said = [str(warning.message) for warning in caught if issubclass(warning.category, TrueNorthWarning)]
-
-    written = []
-    started = time.perf_counter()
-    if out is not None:
-        written = [write_solution(solution, out), write_settings(session, out, solution=solution)]
-    if figure is not None:
-        from ..report import write_figure
-
-        with working("drawing"):
-            written.append(write_figure(solution, figure))
-
-    summary = summarize_solution(solution)
-    summary["seconds"]["write"] = time.perf_counter() - started
-    summary["warnings"] += [text for text in dict.fromkeys(said) if text not in summary["warnings"]]
-    summary["files"] = [str(path) for path in written]
-    summary["settings_file"] = str(written[1]) if out is not None else None
-
-    if explain is not None:
-        story = explain_epoch(solution, find_epoch(solution, explain))
-        summary["explain"] = story
-    if as_json:
-        typer.echo(json.dumps(summary, indent=2, allow_nan=False))
-    else:
-        typer.echo(story if explain is not None else summary_text(summary))
-    if summary["accepted_fraction"] == 0.0:
-        raise typer.Exit(int(ExitCode.NO_SOLUTION))
+    return run_solve(files, overrides, assign or [], out=out, figure=figure, explain=explain, as_json=as_json)

@@ -1,0 +1,104 @@
+"""The commands of the program, as typer parses them."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from .guard import run_safely
+from .solve import solve
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    help="Where a platform points, from the raw GNSS carrier phases of two antennas.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Exit codes: 0 good, 1 no usable solution, 2 usage, 3 unreadable input, 4 internal error.",
+)
+
+
+def _guarded(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Let a command end by an exit code; its signature is kept."""
+
+    @functools.wraps(command)
+    def run(*args: Any, **kwargs: Any) -> None:
+        raise typer.Exit(run_safely(command, *args, **kwargs))
+
+    return run
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from .. import __version__
+
+        typer.echo(f"truenorth {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _global_options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+app.command("solve")(_guarded(solve))
+
+
+@app.command("example")
+@_guarded
+def _example(
+    name: Annotated[str, typer.Argument(help="Name of the set, see `truenorth datasets`.")],
+    out: Annotated[Path | None, typer.Option("--out", help="Result file, as for `solve`.")] = None,
+    figure: Annotated[
+        Path | None, typer.Option("--figure", help="Figure page: .png, .pdf, .svg or .html.")
+    ] = None,
+    method: Annotated[
+        str | None, typer.Option("--method", help="Integer resolution, as for `solve`.")
+    ] = None,
+    single_epoch: Annotated[bool, typer.Option("--single-epoch", help="Every epoch by itself.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Summary as JSON.")] = False,
+) -> int:
+    """Solve a public data set by name, with its published length; fetched when it is not at hand."""
+    from .example import solve_example
+
+    return solve_example(
+        name, out=out, figure=figure, method=method, single_epoch=single_epoch, as_json=as_json
+    )
+
+
+@app.command("datasets")
+@_guarded
+def _datasets(
+    name: Annotated[str | None, typer.Argument(help="Fetch this set and say where its files are.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """List the public data sets, or get one."""
+    from .example import list_datasets, locate_dataset
+
+    if name is None:
+        list_datasets(as_json=as_json)
+    else:
+        locate_dataset(name, as_json=as_json)
+
+
+@app.command("info")
+@_guarded
+def _info(
+    files: Annotated[list[Path], typer.Argument(help="Observation or navigation files.", metavar="FILE...")],
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """Say what files hold: receiver, span, interval, satellites and signals, gaps, slips."""
+    from .info import info
+
+    info(files, as_json)
