@@ -90,6 +90,7 @@ def test_early_exit_stops_at_the_first_set_inside_the_gate():
     assert early.index[0] == full.index.min()
 
 
+@pytest.mark.jit
 def test_two_baselines_and_two_epochs_give_the_whole_attitude():
     rng = np.random.default_rng(7)
     wavelength = 0.19

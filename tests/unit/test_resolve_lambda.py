@@ -190,6 +190,7 @@ def test_partial_resolution_says_what_it_left_out():
     assert (nothing.status, nothing.reason) == (Status.FLOAT, Reason.PROBABILITY_TEST)
 
 
+@pytest.mark.jit
 def test_posterior_over_all_integers_agrees_with_a_long_list():
     problem, _ = make_problem(n_sats=6, code_sd_m=0.4)
     floats = estimate_float(problem)
