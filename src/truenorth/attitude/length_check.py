@@ -64,7 +64,7 @@ def measure_free_length(differences, base, rover, settings):
     dict
         As `compare_length`.
     """
-    from .._kernels import baseline as kernel
+    from .._kernels import engine as kernel
     from ..ambiguity.resolution import resolve_epochs
 
     free = msgspec.structs.replace(
