@@ -101,7 +101,7 @@ def test_heading_is_broken_at_the_wrap_on_a_whole_circle():
     turning = make_solution(200, azimuth_deg=0.0, rate_deg=5.0)
     azimuth_deg, is_whole_circle = azimuth_for_plot(turning)
     assert is_whole_circle
-    runs = runs_of_epochs(turning.time_ns, np.where(turning.is_accepted, azimuth_deg, np.nan))
+    runs = runs_of_epochs(turning.time_ns, np.where(turning.is_accepted, azimuth_deg, np.nan), jump=180.0)
     # Epochs 10 to 194 at 5 degrees a second pass north at 72 and 144.
     assert len(runs) == 3
     assert all(np.all(np.abs(np.diff(azimuth_deg[run])) < 180.0) for run in runs)
@@ -129,6 +129,12 @@ def test_length_is_drawn_against_the_declared_one(solution):
     wanted_mm = 1e3 * (solution.length_m - 0.99)[solution.status == Status.FIXED]
     np.testing.assert_allclose(plotted(ax, "fixed").get_ydata(), wanted_mm)
     assert plot_length_residual(make_solution(settings={})).get_ylabel() == "length less median, mm"
+    flying = make_solution(30, settings={})
+    flying.length_m[:] += np.arange(30)
+    ax = plot_length_residual(flying)
+    assert ax.get_ylabel() == "length, m"
+    np.testing.assert_allclose(plotted(ax, "fixed").get_ydata(), flying.length_m)
+    assert len(ax.collections) == 1  # a length in metres or millimetres may move by more than 180
 
 
 def test_residuals_have_a_column_for_each_satellite(solution):
@@ -165,7 +171,8 @@ def test_caption_names_data_epochs_and_fix_rate(solution):
     text = caption(solution)
     assert "base.obs to rover.obs" in text
     assert "120 epochs, 87.5 % accepted" in text
-    assert figure_page(solution)._supxlabel.get_text() == text
+    # Broken into lines that fit the page.
+    assert figure_page(solution)._supxlabel.get_text().replace("\n", " ") == text
 
 
 @pytest.mark.parametrize(

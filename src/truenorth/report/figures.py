@@ -4,6 +4,8 @@ Every function draws into the axes given, or into a new figure, and returns the 
 ever shown or saved here.
 """
 
+import textwrap
+
 import numpy as np
 
 from ..constants import SYSTEM_NAMES, SYSTEMS
@@ -17,7 +19,7 @@ from .style import (
     accepted_rows,
     azimuth_for_plot,
     caption,
-    length_reference,
+    length_for_plot,
     runs_of_epochs,
     thin_rows,
 )
@@ -54,7 +56,7 @@ def plot_heading(solution, *, ax=None):
     """
     ax = _axes(ax)
     azimuth_deg, is_whole_circle = azimuth_for_plot(solution)
-    _plot_angle(ax, solution, azimuth_deg, np.degrees(solution.azimuth_sd_rad))
+    _plot_series(ax, solution, azimuth_deg, np.degrees(solution.azimuth_sd_rad), jump=180.0)
     if is_whole_circle:
         ax.set_ylim(0.0, 360.0)
         ax.set_yticks(np.arange(0.0, 361.0, 90.0))
@@ -82,13 +84,13 @@ def plot_elevation(solution, *, ax=None):
         Degrees.
     """
     ax = _axes(ax)
-    _plot_angle(ax, solution, np.degrees(solution.elevation_rad), np.degrees(solution.elevation_sd_rad))
+    _plot_series(ax, solution, np.degrees(solution.elevation_rad), np.degrees(solution.elevation_sd_rad))
     ax.set_ylabel("elevation, deg")
     return ax
 
 
 def plot_length_residual(solution, *, ax=None):
-    """Measured length less the declared one (or less its median), with its 3-sigma band.
+    """Measured length less the declared one (or its median), with its 3-sigma band.
 
     Parameters
     ----------
@@ -100,17 +102,19 @@ def plot_length_residual(solution, *, ax=None):
     Returns
     -------
     matplotlib.axes.Axes
-        Millimetres.
+        Millimetres; dotted lines are three standard deviations of the declared length. Without a
+        declared one, a length that varies by more than a metre is drawn itself, in metres.
     """
     ax = _axes(ax)
-    reference_m, name = length_reference(solution)
-    _plot_angle(ax, solution, 1e3 * (solution.length_m - reference_m), 1e3 * solution.length_sd_m)
-    ax.axhline(0.0, color="black", linewidth=0.8)
-    if name == "declared" and solution.settings.get("length_sd_m"):
-        sd_mm = 1e3 * solution.settings["length_sd_m"]
+    value, sd, label = length_for_plot(solution)
+    _plot_series(ax, solution, value, sd)
+    if label.endswith("mm"):
+        ax.axhline(0.0, color="black", linewidth=0.8)
+    if "declared" in label and solution.settings.get("length_sd_m"):
         for side in (-3.0, 3.0):
-            ax.axhline(side * sd_mm, color="black", linewidth=0.8, linestyle=":")
-    ax.set_ylabel(f"length less {name}, mm")
+            limit_mm = side * 1e3 * solution.settings["length_sd_m"]
+            ax.axhline(limit_mm, color="black", linewidth=0.8, linestyle=":")
+    ax.set_ylabel(label)
     return ax
 
 
@@ -280,7 +284,7 @@ def figure_page(solution):
         frameon=False,
     )
     figure.suptitle("Direction of the baseline", fontsize="large", fontweight="bold")
-    figure.supxlabel(caption(solution), fontsize="small")
+    figure.supxlabel(textwrap.fill(caption(solution), 110), fontsize="small")
     return figure
 
 
@@ -296,11 +300,11 @@ def _axes(ax, **options):
     return figure.add_subplot(**options)
 
 
-def _plot_angle(ax, solution, value, sd):
-    """A value with its 3-sigma band over time, by status; gaps, and jumps of half a turn, break both."""
+def _plot_series(ax, solution, value, sd, *, jump=np.inf):
+    """A value with its 3-sigma band over time, by status; gaps and jumps break both."""
     time = gpst_to_datetime64(solution.time_ns)
     accepted = solution.is_accepted & np.isfinite(value)
-    for piece in runs_of_epochs(solution.time_ns, np.where(accepted, value, np.nan)):
+    for piece in runs_of_epochs(solution.time_ns, np.where(accepted, value, np.nan), jump=jump):
         band = (value[piece] - 3.0 * sd[piece], value[piece] + 3.0 * sd[piece])
         if len(piece) == 1:
             # A band has no width here.

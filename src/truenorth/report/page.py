@@ -19,7 +19,7 @@ from .style import (
     accepted_rows,
     azimuth_for_plot,
     caption,
-    length_reference,
+    length_for_plot,
     runs_of_epochs,
     thin_rows,
 )
@@ -107,7 +107,6 @@ def _figures(solution):
 
     time = gpst_to_datetime64(solution.time_ns)
     azimuth_deg, is_whole_circle = azimuth_for_plot(solution)
-    reference_m, reference_name = length_reference(solution)
     heading = _series(
         go, solution, time, azimuth_deg, np.degrees(solution.azimuth_sd_rad), "azimuth, deg", wrap=True
     )
@@ -128,17 +127,7 @@ def _figures(solution):
                 "elevation, deg",
             ),
         ),
-        (
-            "Length",
-            _series(
-                go,
-                solution,
-                time,
-                1e3 * (solution.length_m - reference_m),
-                1e3 * solution.length_sd_m,
-                f"length less {reference_name}, mm",
-            ),
-        ),
+        ("Length", _series(go, solution, time, *length_for_plot(solution))),
         ("Phase residuals by satellite", _residuals(go, solution, time)),
         ("Sky", _sky(go, solution)),
         ("Satellites and dilution of precision", _satellites_dop(go, solution, time)),
@@ -162,7 +151,8 @@ def _series(go, solution, time, value, sd, label, *, wrap=False):
     figure = go.Figure()
     scatter = go.Scatter if solution.n_epochs <= _MAX_SVG_EPOCHS else go.Scattergl
     accepted = solution.is_accepted & np.isfinite(value)
-    figure.add_traces(_band(go, solution.time_ns, time, value, sd, accepted))
+    jump = 180.0 if wrap else np.inf
+    figure.add_traces(_band(go, solution.time_ns, time, value, sd, accepted, jump))
     shown = value % 360.0 if wrap else value
     for status in (Status.FLOAT, Status.HELD, Status.FIXED):
         rows = np.flatnonzero((solution.status == status) & np.isfinite(value))
@@ -218,12 +208,12 @@ def _label_across_north(figure):
     figure.update_layout(yaxis={"tickvals": ticks, "ticktext": [f"{tick % 360.0:g}" for tick in ticks]})
 
 
-def _band(go, time_ns, time, value, sd, accepted):
+def _band(go, time_ns, time, value, sd, accepted, jump):
     """The 3-sigma band as closed outlines, one for each run of epochs without gap or jump."""
     traces = []
     red, green, blue = (int(STATUS_COLORS[Status.FIXED][k : k + 2], 16) for k in (1, 3, 5))
     color = f"rgba({red},{green},{blue},{BAND_ALPHA})"
-    for piece in runs_of_epochs(time_ns, np.where(accepted, value, np.nan)):
+    for piece in runs_of_epochs(time_ns, np.where(accepted, value, np.nan), jump=jump):
         upper, lower = value[piece] + 3.0 * sd[piece], value[piece] - 3.0 * sd[piece]
         traces.append(
             go.Scatter(

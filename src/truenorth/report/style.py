@@ -19,7 +19,7 @@ __all__ = [
     "accepted_rows",
     "azimuth_for_plot",
     "caption",
-    "length_reference",
+    "length_for_plot",
     "runs_of_epochs",
     "thin_rows",
 ]
@@ -106,8 +106,8 @@ def azimuth_for_plot(solution):
     return centre_deg + off_deg, False
 
 
-def length_reference(solution):
-    """Length that measured ones are compared with, and its name: declared, else the median.
+def length_for_plot(solution):
+    """Measured length less the declared one, or less its median, or itself where it varies by metres.
 
     Parameters
     ----------
@@ -116,16 +116,22 @@ def length_reference(solution):
 
     Returns
     -------
-    reference_m : float
-        NaN where nothing was measured.
-    name : str
+    value, sd : ndarray, shape (n,)
+        What to draw and its standard deviation.
+    label : str
+        Name and unit of the axis.
     """
     declared_m = solution.settings.get("length_m")
-    if declared_m is not None:
-        return float(declared_m), "declared"
     use = solution.is_accepted if np.any(solution.is_accepted) else np.isfinite(solution.length_m)
-    measured = solution.length_m[use & np.isfinite(solution.length_m)]
-    return (float(np.median(measured)) if len(measured) else np.nan), "median"
+    measured_m = solution.length_m[use & np.isfinite(solution.length_m)]
+    if declared_m is not None:
+        reference_m, name = float(declared_m), "declared"
+    elif len(measured_m) and np.ptp(measured_m) > 1.0:
+        return solution.length_m, solution.length_sd_m, "length, m"
+    else:
+        reference_m, name = (float(np.median(measured_m)) if len(measured_m) else np.nan), "median"
+    value_mm = 1e3 * (solution.length_m - reference_m)
+    return value_mm, 1e3 * solution.length_sd_m, f"length less {name}, mm"
 
 
 def accepted_rows(solution):
@@ -139,7 +145,7 @@ def thin_rows(n_rows, limit):
     return np.arange(0, n_rows, max(1, -(-n_rows // limit)))
 
 
-def runs_of_epochs(time_ns, value):
+def runs_of_epochs(time_ns, value, *, jump=np.inf):
     """Split epochs where a line through them would lie.
 
     Parameters
@@ -148,16 +154,18 @@ def runs_of_epochs(time_ns, value):
         GPS time, nanoseconds.
     value : ndarray of float64, shape (n,)
         What is drawn; NaN where nothing is.
+    jump : float
+        Neighbours further apart are not joined; 180 for azimuths in degrees.
 
     Returns
     -------
     list of ndarray of int
-        Epochs of each run without gap, missing value or jump of more than 180.
+        Epochs of each run without gap, missing value or jump.
     """
     known = np.flatnonzero(np.isfinite(value))
     if len(known) == 0:
         return []
     spacing_ns = np.median(np.diff(time_ns)) if len(time_ns) > 1 else 0
-    step_ns, jump = np.diff(time_ns[known]), np.abs(np.diff(value[known]))
-    cut = (step_ns > 1.5 * spacing_ns) | (jump > 180.0) | (np.diff(known) > 1)
+    step_ns, step = np.diff(time_ns[known]), np.abs(np.diff(value[known]))
+    cut = (step_ns > 1.5 * spacing_ns) | (step > jump) | (np.diff(known) > 1)
     return np.split(known, np.flatnonzero(cut) + 1)
