@@ -44,6 +44,7 @@ def _names(page):
     return page.relative_to(ROOT).as_posix()
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("page", [page for page in PAGES if any(_blocks(page))], ids=_names)
 def test_the_code_of_a_page_runs_and_prints_what_the_page_says(page, data_dir, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

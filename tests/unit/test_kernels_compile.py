@@ -66,7 +66,7 @@ def test_every_kernel_uses_the_one_decorator():
 
     for path in Path(_kernels.__file__).parent.glob("*.py"):
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
-            if isinstance(node, ast.FunctionDef):
+            if isinstance(node, ast.FunctionDef) and path.name != "jit.py":
                 decorators = [ast.unparse(decorator) for decorator in node.decorator_list]
                 assert decorators == ["kernel"], (
                     f"{path.name}: {node.name} is not decorated with `kernel` alone"
