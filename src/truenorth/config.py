@@ -59,6 +59,19 @@ class StochasticSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     estimate: bool = True
     """Scale phase and code noise by variance factors estimated robustly from a sample of the run."""
 
+    def __post_init__(self) -> None:
+        for key in ("phase_sd_m", "code_sd_m", "correlation_s"):
+            if not getattr(self, key) > 0.0:
+                value = getattr(self, key)
+                raise ConfigError(f"`{key}` is {value!r}; give a positive number", key=key, value=value)
+        for key in ("phase_elevation_sd_m", "code_elevation_sd_m", "cn0_slope"):
+            if not getattr(self, key) >= 0.0:
+                value = getattr(self, key)
+                raise ConfigError(f"`{key}` is {value!r}; give 0 or more", key=key, value=value)
+        if not self.memory_epochs >= 1.0:
+            value = self.memory_epochs
+            raise ConfigError(f"`memory_epochs` is {value!r}; give 1 or more", key="memory_epochs", value=value)
+
 
 class GnssSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What `truenorth.solve_baseline` does, and the ``[gnss]`` table of a session file."""
@@ -96,6 +109,8 @@ class GnssSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """False-alarm rate of the chi-square test of the winner's residuals."""
     length_tolerance_sd: float = 4.0
     """Measured and declared length may differ by this many joint standard deviations."""
+    single_candidate: Literal["refuse", "accept"] = "refuse"
+    """``lsast``: what a lone survivor is worth; its ratio test is void (Harvey 1998 accepts it)."""
     min_epochs_to_fix: int = 1
     """Epochs that the same candidate must win before it is accepted (multi-epoch methods)."""
     direction_azimuth_deg: float | None = None
@@ -128,6 +143,23 @@ class GnssSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             refuse("length_sd_m", self.length_sd_m, "a standard deviation from 0 to 100 metres")
         if not 0.5 <= self.success_probability < 1.0:
             refuse("success_probability", self.success_probability, "a share from 0.5 to below 1")
+        for key in ("residual_significance", "failure_rate"):
+            if not 0.0 < getattr(self, key) < 1.0:
+                refuse(key, getattr(self, key), "a share between 0 and 1")
+        if not self.ratio_threshold >= 1.0:
+            refuse("ratio_threshold", self.ratio_threshold, "1 or more")
+        if not self.length_tolerance_sd > 0.0:
+            refuse("length_tolerance_sd", self.length_tolerance_sd, "a positive number")
+        if self.min_epochs_to_fix < 1:
+            refuse("min_epochs_to_fix", self.min_epochs_to_fix, "1 or more")
+        if not self.cn0_mask_dbhz >= 0.0:
+            refuse("cn0_mask_dbhz", self.cn0_mask_dbhz, "0 or more")
+        if not 0.0 <= self.max_time_difference_s <= 1.0:
+            refuse("max_time_difference_s", self.max_time_difference_s, "0 to 1 second")
+        if not min(self.direction_sd_deg) > 0.0:
+            refuse("direction_sd_deg", self.direction_sd_deg, "two positive angles")
+        if self.direction_azimuth_deg is not None and self.length_m is None:
+            refuse("direction_azimuth_deg", self.direction_azimuth_deg, "`length_m` with it")
 
 
 def _describe(settings: msgspec.Struct) -> Any:

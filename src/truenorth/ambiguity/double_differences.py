@@ -35,7 +35,14 @@ def _operator(group, usable):
 
 
 def double_differences(
-    differences, epoch, *, length_m=None, length_sd_m=None, use_code=True, prior=None, variance_factor=1.0
+    differences,
+    epoch,
+    *,
+    length_m=None,
+    length_sd_m=None,
+    use_code=True,
+    prior=None,
+    variance_factors=(1.0, 1.0),
 ):
     """Double differences of one epoch, with the identity of every row.
 
@@ -51,8 +58,8 @@ def double_differences(
         Whether pseudoranges are handed on.
     prior : tuple of ndarray, optional
         A-priori baseline (east, north, up) and its covariance.
-    variance_factor : float
-        Factor on all variances.
+    variance_factors : tuple of float
+        Factors on the variances of phases and codes.
 
     Returns
     -------
@@ -76,10 +83,10 @@ def double_differences(
         phase_m=operator @ np.nan_to_num(phase),
         design=operator @ design,
         wavelength_m=d.wavelength_m[here][row],
-        cov_phase_m2=variance_factor * (operator * d.phase_variance_m2[here]) @ operator.T,
+        cov_phase_m2=variance_factors[0] * (operator * d.phase_variance_m2[here]) @ operator.T,
         code_m=code_operator @ np.nan_to_num(code),
         code_design=code_operator @ design,
-        cov_code_m2=variance_factor * (code_operator * d.code_variance_m2[here]) @ code_operator.T,
+        cov_code_m2=variance_factors[1] * (code_operator * d.code_variance_m2[here]) @ code_operator.T,
         elevation_rad=d.elevation_rad[here][row],
         group=group[row],
         length_m=np.nan if length_m is None else float(length_m),

@@ -89,6 +89,11 @@ class ResolvedEpochs:
     events: list = field(default_factory=list)
 
 
+def select_phase_rows(differences):
+    """Rows of the phases that integers are sought for, and their epoch offsets."""
+    return _select_rows(differences, np.isfinite(differences.phase_m) & differences.integer_ok)
+
+
 def _select_rows(differences, keep):
     """Rows to keep and their epoch offsets."""
     cumulative = np.concatenate(([0], np.cumsum(keep)))

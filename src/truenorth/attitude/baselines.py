@@ -10,8 +10,8 @@ import numpy as np
 
 from ..ambiguity.differencing import build_single_differences
 from ..ambiguity.resolution import resolve_epochs
-from ..config import GnssSettings
-from ..errors import ConfigError, NoSolutionError, Status
+from ..config import GnssSettings, convert_settings
+from ..errors import NoSolutionError, Status
 from ..frames import azimuth_elevation_from_enu
 from .provenance import add_provenance
 from .solution import BaselineSolution, EpochEvent
@@ -63,10 +63,8 @@ def solve_baseline(base, rover, navigation=(), *, length_m=None, settings=None, 
     if length_m is not None:
         overrides["length_m"] = float(length_m)
     if overrides:
-        try:
-            settings = msgspec.structs.replace(settings, **overrides)
-        except TypeError as error:
-            raise ConfigError(f"could not apply the options: {error}") from None
+        table = msgspec.to_builtins(settings) | msgspec.to_builtins(overrides)
+        settings = convert_settings(table, GnssSettings)
     seconds = {}
     clock = time.perf_counter()
     base, rover, navigation = _read_inputs(base, rover, navigation)
