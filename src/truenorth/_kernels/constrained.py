@@ -249,11 +249,11 @@ def search_shell(
                     inverse = 0.0
                     norm = b[0] * b[0] + b[1] * b[1] + b[2] * b[2]
                     for i in range(3):
-                        # The free part of the baseline: the tangent plane at b.
                         stiff = max(information[i] + nu, 1e-9 * information[i])
                         volume *= stiff
                         inverse += b[i] * b[i] / (norm * stiff)
-                    volume = 1.0 / np.sqrt(volume * inverse)
+                    # The curvature of the objective at b; of an exact length, in the tangent plane.
+                    volume = 1.0 / np.sqrt(volume * (variance + (1.0 - nu * variance) * inverse))
                 else:
                     cost = np.inf
             if cost <= limit:
