@@ -474,9 +474,13 @@ def chi2_limits(false_alarm, max_dof):
     ndarray, shape (max_dof + 1,)
         Quantile by degrees of freedom; infinity at 0, where nothing can be tested.
     """
-    limits = [math.inf]
-    limits += [chi2_quantile(false_alarm, dof, upper=True) for dof in range(1, max_dof + 1)]
-    return np.array(limits)
+    return np.array([math.inf, *(_chi2_limit(false_alarm, dof) for dof in range(1, max_dof + 1))])
+
+
+@functools.lru_cache(maxsize=4096)
+def _chi2_limit(false_alarm, dof):
+    """Upper quantile, remembered: a run asks for the same ones several times."""
+    return chi2_quantile(false_alarm, dof, upper=True)
 
 
 def _single(costs, threshold):

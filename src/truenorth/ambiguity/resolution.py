@@ -46,9 +46,11 @@ ENGINE_EVENTS = {
 }
 """Kinds of events of the compiled engine and their sentences."""
 
-MAX_DOF = 400
 
-SAMPLE_EPOCHS = 120
+SAMPLE_EPOCHS = (30, 120)
+SAMPLE_DOF = 1500.0
+"""The variance factors come from so many epochs, or from as many as give this redundancy."""
+
 PRIOR_DOF = 10.0
 
 PSEUDO_WEIGHT = 10.0
@@ -210,7 +212,8 @@ def _run_engine(differences, arcs, settings, factors, *, backward=False, epochs=
     known = settings.length_m is not None and settings.length_use != "off"
     use_length = known and settings.length_use == "constrain" and settings.method != "lambda"
     prior_information, prior_rhs = _prior(settings)
-    ratio_mode, ratio_limits = _ratio_limits(settings)
+    widest = int(np.diff(start).max(initial=0))
+    ratio_mode, ratio_limits = _ratio_limits(settings, widest + 1)
     table = np.empty((n, engine.N_COLUMNS))
     status, reason = np.zeros(n, np.uint8), np.zeros(n, np.uint8)
     residual, integer = np.empty(len(row)), np.empty(len(row))
@@ -224,7 +227,7 @@ def _run_engine(differences, arcs, settings, factors, *, backward=False, epochs=
         float(settings.length_m) if known else np.nan, float(settings.length_sd_m) ** 2, use_length,
         known and settings.length_use in ("constrain", "check"), float(settings.length_tolerance_sd),
         PSEUDO_WEIGHT, SEARCH_CAP_FACTOR, SEARCH_MARGIN, MAX_NODES,
-        np.array(chi2_limits(settings.residual_significance, MAX_DOF)),
+        chi2_limits(settings.residual_significance, widest + 2),
         float(settings.success_probability), ratio_mode, ratio_limits, MAX_EXCLUSIONS,
         not settings.single_epoch and epochs is None, settings.method == "filter" and not settings.single_epoch,
         float(settings.stochastic.correlation_s), float(settings.stochastic.memory_epochs),
@@ -257,14 +260,16 @@ def _run_engine(differences, arcs, settings, factors, *, backward=False, epochs=
     return ResolvedEpochs(table, status, reason, row, start, residual, integer, factors, log)
 
 
-def _ratio_limits(settings):
+def _ratio_limits(settings, n_limits):
     """Mode of the ratio test and its limits by the number of double differences."""
-    limits = np.full(MAX_DOF, float(settings.ratio_threshold))
+    limits = np.full(n_limits, float(settings.ratio_threshold))
     if settings.ratio_test == "fixed_failure_rate":
         from .acceptance import tabulated_ratio_threshold
 
         # Without the model's own failure rate the table's weakest acceptable column stands.
-        limits = np.array([tabulated_ratio_threshold(max(n, 2), 0.1, settings.failure_rate) for n in range(MAX_DOF)])
+        limits = np.array(
+            [tabulated_ratio_threshold(max(n, 2), 0.1, settings.failure_rate) for n in range(n_limits)]
+        )
     return {"none": 0, "fixed": 1, "fixed_failure_rate": 1, "difference": 2}[settings.ratio_test], limits
 
 
@@ -315,7 +320,9 @@ def _estimate_variance_factors(differences, settings):
     from .._kernels import engine as kernel
 
     d = differences
-    sample = np.unique(np.linspace(0, d.n_epochs - 1, min(d.n_epochs, SAMPLE_EPOCHS)).astype(int))
+    dof_of_epoch = max(len(d.sat) / max(d.n_epochs, 1) - 4.0, 1.0)
+    size = min(d.n_epochs, int(np.clip(SAMPLE_DOF / dof_of_epoch, *SAMPLE_EPOCHS)))
+    sample = np.unique(np.linspace(0, d.n_epochs - 1, size).astype(int))
     resolved = _run_engine(d, _no_arcs(d), settings, (1.0, 1.0), epochs=sample)
     chi2 = resolved.table[sample, kernel.CHI2]
     dof = resolved.table[sample, kernel.CHI2_DOF]
