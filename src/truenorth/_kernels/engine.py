@@ -232,7 +232,9 @@ def worst_row(m, w, hc, total, residual, cov):
 
 
 @kernel
-def write_result(b_free, b, information, cov, chi2, dof, length, length_variance, use_length, chi2_limits, row):
+def write_result(
+    b_free, b, information, cov, chi2, dof, length, length_variance, use_length, chi2_limits, row
+):
     """Fill the result row from an adjustment with known integers; `cov` gets the final covariance.
 
     `b_free` is adjusted without the length, `b` with it where `use_length`; `information` is that of
@@ -538,6 +540,15 @@ def forget(memory, vector, slot_arc, n_slots, s):
 
 
 @kernel
+def clear_memory(memory, vector, n_slots):
+    """Forget what all arcs in view have told so far."""
+    for s in range(n_slots):
+        vector[s] = 0.0
+        for t in range(n_slots):
+            memory[s, t] = 0.0
+
+
+@kernel
 def strike_row(m, k, y, design, lam, variance, group, arc, index):
     """Take row k out of the epoch's compact arrays; returns the new number of rows."""
     for i in range(k, m - 1):
@@ -807,9 +818,7 @@ def run_engine(
             # Nothing learnt so far can be trusted.
             for s in range(n_slots):
                 held[slot_arc[s]] = np.nan
-                vector[s] = 0.0
-                for t in range(n_slots):
-                    memory[s, t] = 0.0
+            clear_memory(memory, vector, n_slots)
             wins = 0
             weight = 0.0
             share = 1.0
@@ -840,9 +849,7 @@ def run_engine(
                 candidate[a] = nearest
                 if votes[a] >= VOTES_TO_HOLD:
                     held[a] = nearest
-                    n_events = log_event(
-                        events, numbers, n_events, e, index[k], E_ADDED, off, 0.25 * lam[k]
-                    )
+                    n_events = log_event(events, numbers, n_events, e, index[k], E_ADDED, off, 0.25 * lam[k])
 
         # The search, where nothing is held; outlying phases are struck one by one.
         n = 0
@@ -866,6 +873,12 @@ def run_engine(
             )  # fmt: skip
             reason[e] = verdict
             if not row[FOUND] > 0.0:
+                if weight > 0.0 and verdict == R_NO_CANDIDATE:
+                    # The memory contradicts the epoch: the epoch may still stand by itself.
+                    weight = 0.0
+                    share = 1.0
+                    clear_memory(memory, vector, n_slots)
+                    continue
                 break
             j = 0
             for k in range(m):
