@@ -275,7 +275,9 @@ def _variance(stochastic, elevation_rad, cn0_dbhz, constant_m, elevation_m):
     sin_el = np.maximum(np.sin(elevation_rad), 0.05)
     variance = constant_m**2 + (elevation_m / sin_el) ** 2
     if stochastic.cn0_slope:
-        deficit = np.maximum(stochastic.cn0_reference_dbhz - np.nan_to_num(cn0_dbhz, nan=30.0), 0.0)
+        # Files without signal strengths (RINEX 2 often) must not be taken for weak ones.
+        known = np.nan_to_num(cn0_dbhz, nan=stochastic.cn0_reference_dbhz)
+        deficit = np.maximum(stochastic.cn0_reference_dbhz - known, 0.0)
         variance = variance * 10.0 ** (0.1 * stochastic.cn0_slope * deficit)
     return variance
 
