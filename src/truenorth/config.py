@@ -50,8 +50,9 @@ class StochasticSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     """Code noise that grows with 1/sin(elevation), metres."""
     cn0_reference_dbhz: float = 45.0
     """Signals above this C/N0 get no further trust; those below are weighted down."""
-    cn0_slope: float = 0.0
-    """Share s of the thermal law; 0 ignores C/N0, 1 follows it."""
+    cn0_slope: float = 0.5
+    """Share s of the thermal law; 0 ignores C/N0, 1 follows it. Multipath does not follow it: half of it
+    describes the real pairs better than either end."""
     correlation_s: float = 20.0
     """Time over which multipath stays alike: epochs closer together count in part."""
     memory_epochs: float = 10.0

@@ -72,7 +72,7 @@ def test_short_low_cost_pair(data_dir):
     # The least-squares search is often left with one candidate there, which proves nothing by itself.
     status, reason, error = resolved(data_dir, "pair_0.33m_ublox", resolve_lsast, step=2)
     fixed = status == Status.FIXED
-    assert np.mean(fixed) > 0.4
+    assert np.mean(fixed) > 0.3
     assert error[fixed].max() < WRONG_M
     assert np.count_nonzero(reason == Reason.SINGLE_CANDIDATE) > np.count_nonzero(~fixed) / 2
 
