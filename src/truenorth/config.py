@@ -94,6 +94,8 @@ class GnssSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """Known antenna separation, metres."""
     length_sd_m: float = 0.003
     """Its standard deviation."""
+    estimate_length: bool = False
+    """Take the length from a first run without it, then use it like a declared one."""
     length_use: LengthUse = "constrain"
     """``constrain``: in the search, and checked after it; ``check``: checked only;
     ``compute``: compared and reported, never decides; ``off``: ignored."""

@@ -1,8 +1,10 @@
 """The one decorator that compiles a kernel, with all its flags."""
 
 import importlib
+import time
 
 import numba
+import numba.core.event
 import numba.np.linalg
 
 
@@ -29,3 +31,28 @@ kernel = numba.njit(cache=True, fastmath=False, error_model="numpy", nogil=True)
 
 IS_COMPILED = not numba.config.DISABLE_JIT
 """Whether kernels are compiled in this process, or run as plain Python (``NUMBA_DISABLE_JIT=1``)."""
+
+
+class _CompileClock(numba.core.event.Listener):
+    """Wall time that Numba spends compiling (not loading from its cache), nested calls counted once."""
+
+    def __init__(self):
+        self.seconds = 0.0
+        self._depth = 0
+        self._since = 0.0
+
+    def on_start(self, event):
+        if self._depth == 0:
+            self._since = time.perf_counter()
+        self._depth += 1
+
+    def on_end(self, event):
+        self._depth -= 1
+        if self._depth == 0:
+            self.seconds += time.perf_counter() - self._since
+
+
+compile_clock = _CompileClock()
+"""``compile_clock.seconds``: compilation so far in this process."""
+
+numba.core.event.register("numba:compile", compile_clock)

@@ -29,6 +29,9 @@ LINEARISE_AT_CODE_BASELINE_M = 20.0
 """Longer baselines are linearised at the difference of the two code positions; for shorter ones the
 parallel-ray error b^2 / 2 rho stays below 10 micrometres."""
 
+GLONASS_CHANNEL_SD_M = 0.0007
+"""Noise of GLONASS FDMA phases for each channel away from zero, between receivers of one make."""
+
 # Order of preference among the trackings of one band, where both receivers have several.
 _PREFERENCE = "CSLXPWIQDZABMNYE"
 
@@ -392,6 +395,10 @@ def build_single_differences(base, rover, base_point, rover_point, settings):
         )
     is_fdma = (sat // 100 == GLONASS) & (signal // 100 <= 2)
     integer_ok = ~is_fdma | (settings.glonass_ambiguities == "calibrated")
+    channel = np.where(is_fdma, channels[sat % 100], 0).astype(float)
+    # Inter-channel bias, and the reference's own integer: (lambda_j - lambda_ref) N_ref stays behind, with
+    # N_ref known from the code to some ten cycles and 0.066 mm of wavelength for each channel.
+    variances[0] = variances[0] + np.where(is_fdma, (GLONASS_CHANNEL_SD_M * channel) ** 2, 0.0)
 
     keep = np.isfinite(code) | np.isfinite(phase)
     # Reference first: rows of a group fall by elevation; phases before rows that have none.
@@ -403,7 +410,6 @@ def build_single_differences(base, rover, base_point, rover_point, settings):
     for system, signal_base, signal_rover in pairs:
         name = f"{SYSTEMS[system]} {signal_name(signal_rover)}"
         names.append(name if signal_base == signal_rover else f"{name}/{signal_name(signal_base)}")
-    channel = np.where(is_fdma, channels[sat % 100], 0).astype(float)
     return SingleDifferences(
         time_ns=time_ns,
         base_epoch=base_epoch,

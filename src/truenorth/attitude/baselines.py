@@ -3,9 +3,12 @@
 Call stack: read -> single-point positions and clocks -> single differences -> integers -> solution.
 """
 
+import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from ..ambiguity.differencing import build_single_differences
@@ -17,6 +20,9 @@ from .provenance import add_provenance
 from .solution import BaselineSolution, EpochEvent
 
 __all__ = ["solve_baseline"]
+
+MIN_EPOCHS_FOR_LENGTH = 10
+"""Accepted epochs that an estimate of the length needs."""
 
 
 def solve_baseline(base, rover, navigation=(), *, length_m=None, settings=None, progress=None, **overrides):
@@ -55,8 +61,6 @@ def solve_baseline(base, rover, navigation=(), *, length_m=None, settings=None, 
     >>> import truenorth
     >>> solution = truenorth.solve_baseline("base.obs", "rover.obs", "brdc.nav", length_m=0.99)  # doctest: +SKIP
     """
-    import msgspec
-
     from ..positioning import solve_single_point
 
     settings = settings or GnssSettings()
@@ -65,24 +69,62 @@ def solve_baseline(base, rover, navigation=(), *, length_m=None, settings=None, 
     if overrides:
         table = msgspec.to_builtins(settings) | msgspec.to_builtins(overrides)
         settings = convert_settings(table, GnssSettings)
-    seconds = {}
-    clock = time.perf_counter()
+    stages = _Stages()
     base, rover, navigation = _read_inputs(base, rover, navigation)
-    seconds["read"] = time.perf_counter() - clock
-
-    clock = time.perf_counter()
+    stages.end("read")
     options = {"systems": settings.systems, "elevation_mask_deg": min(settings.elevation_mask_deg, 10.0)}
     base_point = solve_single_point(base, navigation, **options)
     rover_point = solve_single_point(rover, navigation, **options)
     differences = build_single_differences(base, rover, base_point, rover_point, settings)
+    said = ()
+    if settings.estimate_length:
+        settings, said = _estimate_length(differences, base, rover, settings)
     resolved = resolve_epochs(differences, base, rover, settings, progress=progress)
     solution = add_provenance(
         _assemble(differences, resolved, settings),
         differences, base, rover, navigation, settings, variance_factors=resolved.variance_factors,
     )  # fmt: skip
-    seconds["solve"] = time.perf_counter() - clock
-    object.__setattr__(solution, "seconds", seconds)
-    return solution
+    stages.end("solve")
+    return replace(solution, seconds=stages.seconds, warnings=(*said, *solution.warnings))
+
+
+class _Stages:
+    """Wall time of the stages of a run, compilation apart."""
+
+    def __init__(self):
+        self.seconds = {"read": 0.0, "compile": 0.0, "solve": 0.0}
+        self._compiled = self._compilation()
+        self._since = time.perf_counter()
+
+    @staticmethod
+    def _compilation():
+        # Before the first kernel there is nothing to ask, and no reason to load Numba.
+        jit = sys.modules.get("truenorth._kernels.jit")
+        return 0.0 if jit is None else jit.compile_clock.seconds
+
+    def end(self, stage):
+        now, compiled = time.perf_counter(), self._compilation()
+        self.seconds["compile"] += compiled - self._compiled
+        self.seconds[stage] = now - self._since - (compiled - self._compiled)
+        self._since, self._compiled = now, compiled
+
+
+def _estimate_length(differences, base, rover, settings):
+    """Length of the rigid baseline from a first run without it; returns (settings, warnings)."""
+    free = msgspec.structs.replace(settings, length_m=None, direction_azimuth_deg=None)
+    found = _assemble(differences, resolve_epochs(differences, base, rover, free), free)
+    length = found.length_m[found.is_accepted]
+    if len(length) < MIN_EPOCHS_FOR_LENGTH:
+        text = (
+            f"could not estimate the length: {len(length)} of {found.n_epochs} epochs were accepted without "
+            f"it, {MIN_EPOCHS_FOR_LENGTH} needed; give `length_m`"
+        )
+        return free, (text,)
+    middle = float(np.median(length))
+    # Multipath does not average out in a run: the sd of one epoch, not of the mean.
+    sd = max(1.4826 * float(np.median(np.abs(length - middle))), 0.001)
+    settings = msgspec.structs.replace(settings, length_m=middle, length_sd_m=sd)
+    return settings, (f"length estimated from {len(length)} epochs: {middle:.4f} m, sd {sd:.4f} m",)
 
 
 def _read_inputs(base, rover, navigation):
