@@ -138,7 +138,7 @@ def nearest_on_shell(centre, information, length, variance, b):
 @kernel
 def search_shell(
     n, lower, diag, z_float, gain, b_float, information, mu, j_min,
-    length, variance, cap, margin, max_nodes, z_best, costs, b_best, b_free,
+    length, variance, cap, margin, reach, max_nodes, z_best, costs, b_best, b_free,
 ):  # fmt: skip
     """Enumerate decorrelated integers depth first and evaluate the exact objective at each leaf.
 
@@ -164,11 +164,13 @@ def search_shell(
         Candidates with a larger objective are of no interest.
     margin : float
         Candidates within this of the best count for the posterior probability.
+    reach : float
+        Candidates within this multiple of the best objective are found too, for the ratio test.
     max_nodes : int
         Give up after so many nodes.
     z_best, costs, b_best, b_free : ndarray, shapes (n,), (2,), (3,), (3,)
         Outputs: the best integers, the two least objectives, and the best's constrained and
-        unconstrained baselines (eigenframe).
+        unconstrained baselines (eigenframe). The second is a lower bound where none was in reach.
 
     Returns
     -------
@@ -268,7 +270,7 @@ def search_shell(
                     for i in range(3):
                         b_best[i] = b[i]
                         b_free[i] = c[i]
-                    limit = min(cap, cost + margin)
+                    limit = min(cap, max(cost + margin, reach * cost))
                     bound = limit + offset - j_min
                 else:
                     mass += volume * np.exp(0.5 * (costs[0] - cost))
@@ -276,4 +278,6 @@ def search_shell(
         # Next sibling in zig-zag order.
         z_now[k] += step[k]
         step[k] = -step[k] - (1.0 if step[k] > 0.0 else -1.0)
+    if found > 0:
+        costs[1] = min(costs[1], max(limit, costs[0]))
     return found, nodes, complete, best_volume / mass if found > 0 else np.nan

@@ -100,7 +100,7 @@ def invert_3(matrix, inverse):
 
 @kernel
 def quadratic_3(matrix, x, y, z):
-    """v' M v for a symmetric 3 x 3 matrix and v = (x, y, z)."""
+    """Quadratic form v' M v for a symmetric 3 x 3 matrix and v = (x, y, z)."""
     return (
         matrix[0, 0] * x * x
         + matrix[1, 1] * y * y
@@ -249,19 +249,30 @@ def write_result(
     row[LENGTH_STATISTIC] = abs(measured - length) / np.sqrt(variance + length_variance)
     if use_length:
         size = np.sqrt(b[0] ** 2 + b[1] ** 2 + b[2] ** 2)
-        # A floor of a tenth of a micrometre keeps an exactly known length invertible.
-        weight = 1.0 / max(length_variance, 1e-14)
         # The multiplier of the length bends the objective across the line of sight.
-        nu = (size - length) * weight / size
-        conditioned = np.empty((3, 3))
+        nu = 0.0
         for r in range(3):
             for c in range(3):
-                conditioned[r, c] = information[r, c] + (weight - nu) * b[r] * b[c] / (size * size)
-            conditioned[r, r] += nu
-        invert_3(conditioned, cov)
+                nu += b[r] * information[r, c] * (b_free[c] - b[c]) / (size * size)
+        bent = np.empty((3, 3))
+        for r in range(3):
+            for c in range(3):
+                bent[r, c] = information[r, c]
+            bent[r, r] += nu
+        if invert_3(bent, cov):
+            # The length is one observation along b; a tenth of a micrometre keeps the result invertible.
+            softness = max(length_variance, 1e-14) / (1.0 - nu * length_variance)
+            along = np.zeros(3)
+            for r in range(3):
+                for c in range(3):
+                    along[r] += cov[r, c] * b[c] / size
+                softness += along[r] * b[r] / size
+            for r in range(3):
+                for c in range(3):
+                    cov[r, c] -= along[r] * along[c] / softness
         dof += 1
         if length_variance > 0.0:
-            chi2 += (size - length) ** 2 * weight
+            chi2 += (size - length) ** 2 / length_variance
     for r in range(3):
         row[BX + r] = b[r]
     write_symmetric(cov, row, COV)
@@ -314,7 +325,7 @@ def pull_to_length(b_free, information, length, length_variance, b):
 @kernel
 def resolve_integers(
     n, a_float, q_float, q_baseline, b_float, j_min, info_total, mu,
-    length, length_variance, cap, margin, max_nodes, a_best, b_constrained, b_free, row,
+    length, length_variance, cap, margin, reach, max_nodes, a_best, b_constrained, b_free, row,
 ):  # fmt: skip
     """Integer least squares with or without the length, from a float solution.
 
@@ -332,7 +343,7 @@ def resolve_integers(
         Information on the baseline once the integers are known, without `mu`.
     length : float
         Known length; NaN leaves the search unconstrained.
-    cap, margin, max_nodes : float, float, int
+    cap, margin, reach, max_nodes : float, float, float, int
         See `search_shell`.
     a_best, b_constrained, b_free : ndarray, shapes (n,), (3,), (3,)
         Output: the best integers and their baseline, with and without the length.
@@ -393,7 +404,7 @@ def resolve_integers(
     free_eigen = np.zeros(3)
     found, nodes, complete, probability = search_shell(
         n, lower, diag, z_float, gain, b_eigen, information, mu, j_min,
-        length, length_variance, cap, margin, max_nodes, z_best, costs, best_eigen, free_eigen,
+        length, length_variance, cap, margin, reach, max_nodes, z_best, costs, best_eigen, free_eigen,
     )  # fmt: skip
     row[NODES] = nodes
     row[FOUND] = found
@@ -402,9 +413,7 @@ def resolve_integers(
     row[COST] = costs[0]
     row[SECOND_COST] = costs[1]
     row[PROBABILITY] = probability
-    row[RATIO] = np.nan
-    if costs[1] < np.inf:
-        row[RATIO] = min(costs[1] / max(costs[0], 1e-9), 999.9)
+    row[RATIO] = min(costs[1] / max(costs[0], 1e-9), 999.9)
     for i in range(n):
         value = np.floor(a_float[i] + 0.5)
         for j in range(n):
@@ -421,7 +430,7 @@ def resolve_integers(
 @kernel
 def search_epoch(
     m, n, lam, group, slot, memory, vector, w, hc, yc, total, rhs, info_code, rhs_code, info_total, mu,
-    length, length_variance, cap, margin, max_nodes, a_best, b_con, b_free, row,
+    length, length_variance, cap, margin, reach, max_nodes, a_best, b_con, b_free, row,
 ):  # fmt: skip
     """Float solution of one epoch with the memory, and its integer search.
 
@@ -490,7 +499,7 @@ def search_epoch(
             j_min -= 2.0 * b_float[r] * rhs_code[r]
     return resolve_integers(
         n, a_float, q_a, q_ba, b_float, j_min, info_total, mu,
-        length, length_variance, cap, margin, max_nodes, a_best, b_con, b_free, row,
+        length, length_variance, cap, margin, reach, max_nodes, a_best, b_con, b_free, row,
     )  # fmt: skip
 
 
@@ -515,8 +524,8 @@ def remember(m, lam, group, slot, w, hc, yc, total, cov, rhs, share, memory, vec
 
 
 @kernel
-def forget(memory, vector, slot_arc, n_slots, s):
-    """Marginalise slot s and put the last slot in its place; returns the new number of slots."""
+def marginalise(memory, vector, n_slots, s):
+    """Eliminate slot s: what it says of the others stays, its own information becomes zero."""
     pivot = memory[s, s]
     if pivot > 1e-6:
         for i in range(n_slots):
@@ -525,6 +534,16 @@ def forget(memory, vector, slot_arc, n_slots, s):
                 for j in range(n_slots):
                     memory[i, j] -= factor * memory[s, j]
                 vector[i] -= factor * vector[s]
+    for i in range(n_slots):
+        memory[i, s] = 0.0
+        memory[s, i] = 0.0
+    vector[s] = 0.0
+
+
+@kernel
+def forget(memory, vector, slot_arc, n_slots, s):
+    """Marginalise slot s and put the last slot in its place; returns the new number of slots."""
+    marginalise(memory, vector, n_slots, s)
     last = n_slots - 1
     for i in range(n_slots):
         memory[i, s] = memory[i, last]
@@ -662,6 +681,9 @@ def run_engine(
 
     memory = np.zeros((2 * widest + 1, 2 * widest + 1))
     vector = np.zeros(2 * widest + 1)
+    # The memory without the arcs that the epoch's search struck out.
+    rest = np.zeros((2 * widest + 1, 2 * widest + 1))
+    rest_vector = np.zeros(2 * widest + 1)
     slot_arc = np.full(2 * widest + 1, -1, np.int64)
     slot_of_arc = np.full(n_arcs, -1, np.int64)
     held = np.full(n_arcs, np.nan)
@@ -815,9 +837,9 @@ def run_engine(
             for k in range(m):
                 strikes[arc[k]] = max(strikes[arc[k]] - 1, 0)
         if released:
-            # Nothing learnt so far can be trusted.
-            for s in range(n_slots):
-                held[slot_arc[s]] = np.nan
+            # Nothing learnt so far can be trusted, nor what is held of satellites out of view.
+            for a in range(n_arcs):
+                held[a] = np.nan
             clear_memory(memory, vector, n_slots)
             wins = 0
             weight = 0.0
@@ -853,6 +875,7 @@ def run_engine(
 
         # The search, where nothing is held; outlying phases are struck one by one.
         n = 0
+        n_struck = 0
         for attempt in range(max_exclusions + 1):
             n = centre(0, m, y, design, variance, group, w, hc, yc, total)
             for r in range(3):
@@ -866,10 +889,16 @@ def run_engine(
                 slot[k] = slot_of_arc[arc[k]]
             row[N_PHASES] = n
             dof = n + 1 if use_length else n
+            # The second-best objective must be exact as far as the classical test looks.
+            threshold = ratio_limits[min(n, len(ratio_limits) - 1)]
+            reach = 1.001 * threshold if ratio_mode == 1 else 1.0
+            gap_wanted = 1.001 * threshold if ratio_mode == 2 else 0.0
             cap = cap_factor * (1.0 + weight) * chi2_limits[min(dof, len(chi2_limits) - 1)] + margin
+            past, past_vector = (rest, rest_vector) if n_struck > 0 else (memory, vector)
             verdict = search_epoch(
-                m, n, lam, group, slot, memory, vector, w, hc, yc, total, rhs, info_code, rhs_code, info, mu,
-                constraint, length_variance, cap, margin, max_nodes, a_best, b_con, b_free, row,
+                m, n, lam, group, slot, past, past_vector, w, hc, yc, total, rhs, info_code, rhs_code, info,
+                mu, constraint, length_variance, cap, max(margin, gap_wanted), reach, max_nodes, a_best,
+                b_con, b_free, row,
             )  # fmt: skip
             reason[e] = verdict
             if not row[FOUND] > 0.0:
@@ -878,6 +907,7 @@ def run_engine(
                     weight = 0.0
                     share = 1.0
                     clear_memory(memory, vector, n_slots)
+                    clear_memory(rest, rest_vector, n_slots)
                     continue
                 break
             j = 0
@@ -915,7 +945,21 @@ def run_engine(
             n_events = log_event(events, numbers, n_events, e, index[worst], E_EXCLUDED, size, np.nan)
             residual[index[worst]] = np.nan
             integer[index[worst]] = np.nan
+            # The search goes on with what the memory says when nothing is known of the struck arc.
+            if n_struck == 0:
+                for s in range(n_slots):
+                    rest_vector[s] = vector[s]
+                    for t in range(n_slots):
+                        rest[s, t] = memory[s, t]
+            n_struck += 1
+            marginalise(rest, rest_vector, n_slots, slot_of_arc[arc[worst]])
             m = strike_row(m, worst, y, design, lam, variance, group, arc, index)
+        if n_struck > 0 and reason[e] == R_OK:
+            # Without them all is well: the struck arcs begin anew.
+            for s in range(n_slots):
+                vector[s] = rest_vector[s]
+                for t in range(n_slots):
+                    memory[s, t] = rest[s, t]
         if not done and reason[e] == R_OK and n >= 3:
             # The same winner as before, whatever the reference: differences to the group's first.
             same = True
@@ -930,6 +974,9 @@ def run_engine(
             if wins >= min_epochs_to_fix:
                 status[e] = S_FIXED
                 if hold:
+                    # Integers held of satellites out of view may refer to another first row.
+                    for a in range(n_arcs):
+                        held[a] = np.nan
                     for k in range(m):
                         held[arc[k]] = spread[k]
                         strikes[arc[k]] = 0

@@ -90,8 +90,8 @@ def resolve_constrained(
     Returns
     -------
     Resolution
-        One candidate, the optimum; `ratio` refers to the second-best objective, infinite where none
-        lies within `POSTERIOR_MARGIN` of the best.
+        One candidate, the optimum; `ratio` refers to the second-best objective, or is the least that
+        it can be where none lies within `POSTERIOR_MARGIN` of the best.
 
     Notes
     -----
@@ -128,14 +128,14 @@ def resolve_constrained(
     reason = engine.resolve_integers(
         n, a_float, np.ascontiguousarray(q_float), np.ascontiguousarray(-cov @ design_cyc.T), b_float,
         float(j_min), np.ascontiguousarray(model.information), float(mu), length, float(variance), REACH,
-        POSTERIOR_MARGIN, int(max_nodes), a_best, b_fixed, b_free, row,
+        POSTERIOR_MARGIN, 1.0, int(max_nodes), a_best, b_fixed, b_free, row,
     )  # fmt: skip
     if not row[engine.FOUND] > 0:
         return _unresolved(model, Reason(reason))
     best, second = row[engine.COST], row[engine.SECOND_COST]
     return _resolution(
         model, Reason(reason), np.rint(a_best)[None], np.array([best]), b_fixed[None],
-        second if second <= best + POSTERIOR_MARGIN else math.inf, row[engine.PROBABILITY],
+        second, row[engine.PROBABILITY],
         int(row[engine.FOUND]), success_probability, residual_significance, length_tolerance_sd,
     )  # fmt: skip
 
@@ -202,7 +202,7 @@ def search_on_sphere(
     weight = found.volume[kept] * np.exp(-0.5 * (found.cost[kept] - found.cost[0]))
     probability = float(weight[0] / weight.sum())
     count = min(max(candidates, 1), int(kept.sum()))
-    second = float(found.cost[1]) if kept.sum() > 1 else math.inf
+    second = float(found.cost[1]) if kept.sum() > 1 else reach
     return _resolution(
         model, Reason.OK, found.integers[:count], found.cost[:count], found.baseline[:count], second,
         probability, int(kept.sum()), success_probability, residual_significance, length_tolerance_sd,
@@ -452,6 +452,4 @@ def _drop_code(problem, use_code):
 
     if use_code:
         return problem
-    return replace(
-        problem, code_m=np.empty(0), code_design=np.empty((0, 3)), cov_code_m2=np.empty((0, 0))
-    )
+    return replace(problem, code_m=np.empty(0), code_design=np.empty((0, 3)), cov_code_m2=np.empty((0, 0)))
