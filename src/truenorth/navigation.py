@@ -150,47 +150,6 @@ class StateEphemerides:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Navigation:
-    """All that navigation files say.
-
-    Parameters
-    ----------
-    kepler : KeplerEphemerides
-        Orbits by Kepler elements.
-    states : StateEphemerides
-        Orbits by state vectors.
-    klobuchar : dict of str to ndarray, shape (8,)
-        Ionosphere coefficients alpha 0-3, beta 0-3 by source letter (``G``, ``C``, ``J``...).
-    nequick : ndarray, shape (3,) or None
-        Galileo ai0, ai1, ai2.
-    leap_seconds : int or None
-        GPS minus UTC as broadcast.
-    skipped : dict of str to int
-        Records that hold no usable orbit, by kind (``"STO"``, ``"EOP"``, ``"CNV9"``...).
-    paths : tuple of str
-        Files that this came from.
-    """
-
-    kepler: KeplerEphemerides
-    states: StateEphemerides
-    klobuchar: dict[str, np.ndarray] = field(default_factory=dict)
-    nequick: np.ndarray | None = None
-    leap_seconds: int | None = None
-    skipped: dict[str, int] = field(default_factory=dict)
-    paths: tuple[str, ...] = ()
-
-    def glonass_channels(self) -> np.ndarray:
-        """GLONASS frequency channel by slot, shape (100,), as in `Observations`."""
-        from .constants import GLONASS
-        from .observations import NO_CHANNEL
-
-        table = np.full(100, NO_CHANNEL, dtype=np.int8)
-        glonass = self.states.sat // 100 == GLONASS
-        table[self.states.sat[glonass] % 100] = self.states.channel[glonass]
-        return table
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class PreciseOrbits:
     """Positions and clocks at given epochs, as in an SP3 file.
 
@@ -228,6 +187,50 @@ class PreciseOrbits:
     def n_sats(self) -> int:
         """int: Number of satellites."""
         return len(self.sat)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Navigation:
+    """All that navigation files say.
+
+    Parameters
+    ----------
+    kepler : KeplerEphemerides
+        Orbits by Kepler elements.
+    states : StateEphemerides
+        Orbits by state vectors.
+    klobuchar : dict of str to ndarray, shape (8,)
+        Ionosphere coefficients alpha 0-3, beta 0-3 by source letter (``G``, ``C``, ``J``...).
+    nequick : ndarray, shape (3,) or None
+        Galileo ai0, ai1, ai2.
+    leap_seconds : int or None
+        GPS minus UTC as broadcast.
+    skipped : dict of str to int
+        Records that hold no usable orbit, by kind (``"STO"``, ``"EOP"``, ``"CNV9"``...).
+    paths : tuple of str
+        Files that this came from.
+    precise : PreciseOrbits, optional
+        Orbits and clocks that take the place of the broadcast ones, satellite by satellite of the file.
+    """
+
+    kepler: KeplerEphemerides
+    states: StateEphemerides
+    klobuchar: dict[str, np.ndarray] = field(default_factory=dict)
+    nequick: np.ndarray | None = None
+    leap_seconds: int | None = None
+    skipped: dict[str, int] = field(default_factory=dict)
+    paths: tuple[str, ...] = ()
+    precise: PreciseOrbits | None = None
+
+    def glonass_channels(self) -> np.ndarray:
+        """GLONASS frequency channel by slot, shape (100,), as in `Observations`."""
+        from .constants import GLONASS
+        from .observations import NO_CHANNEL
+
+        table = np.full(100, NO_CHANNEL, dtype=np.int8)
+        glonass = self.states.sat // 100 == GLONASS
+        table[self.states.sat[glonass] % 100] = self.states.channel[glonass]
+        return table
 
 
 _Columns = dict[str, np.ndarray]
@@ -372,10 +375,11 @@ def merge_navigation(*navigations: Navigation) -> Navigation:
     klobuchar: dict[str, np.ndarray] = {}
     skipped: dict[str, int] = {}
     paths: list[str] = []
-    nequick = leap = None
+    nequick = leap = precise = None
     for navigation in navigations:
         klobuchar = {**navigation.klobuchar, **klobuchar}
         nequick = navigation.nequick if nequick is None else nequick
+        precise = navigation.precise if precise is None else precise
         leap = navigation.leap_seconds if leap is None else leap
         paths += [path for path in navigation.paths if path not in paths]
         for kind, count in navigation.skipped.items():
@@ -398,6 +402,7 @@ def merge_navigation(*navigations: Navigation) -> Navigation:
         klobuchar=klobuchar,
         nequick=nequick,
         leap_seconds=leap,
+        precise=precise,
         skipped=skipped,
         paths=tuple(paths),
     )

@@ -6,7 +6,7 @@ reader. Content decides, never the name of the file. Readers are imported when t
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ..errors import FormatError
@@ -275,7 +275,8 @@ def read_navigation(*paths):
     Parameters
     ----------
     *paths : str or os.PathLike
-        RINEX navigation files (version 2, 3 or 4, plain or compressed) or UBX logs.
+        RINEX navigation files (version 2, 3 or 4, plain or compressed) or UBX logs; an SP3 file puts
+        precise orbits and clocks in the place of the broadcast ones.
 
     Returns
     -------
@@ -288,6 +289,8 @@ def read_navigation(*paths):
     """
     if not paths:
         raise FormatError("no navigation file was given; give at least one RINEX navigation file or UBX log")
+    from ..navigation import build_navigation, merge_navigation
+
     parts = []
     for path in paths:
         form, data = identify(path)
@@ -295,6 +298,8 @@ def read_navigation(*paths):
             parts.append(form.read(data, str(path)))
         elif form.holds == "both":
             parts.append(form.read(data, str(path))[1])
+        elif form.holds == "orbits":
+            parts.append(replace(build_navigation(paths=(str(path),)), precise=form.read(data, str(path))))
         else:
             advice = "give it as observations, and" if form.holds == "observations" else "give"
             raise FormatError(
@@ -305,6 +310,4 @@ def read_navigation(*paths):
             )
     if len(parts) == 1:
         return parts[0]
-    from ..navigation import merge_navigation
-
     return merge_navigation(*parts)

@@ -94,6 +94,7 @@ def compute_satellite_states(
 
 
 def _states(navigation, sat, time_ns, delay_s, is_reception, ephemeris, precise, include_unhealthy):
+    precise = navigation.precise if precise is None else precise
     from .._kernels.orbits import propagate_orbits
 
     table = ephemeris_table(navigation)
