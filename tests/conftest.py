@@ -40,6 +40,13 @@ def data_dir() -> Path:
     return _DATA
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Let kernels that run as plain Python wrap, divide by zero and make NaN as silently as compiled ones."""
+    if os.environ.get("NUMBA_DISABLE_JIT") == "1":
+        for what in ("overflow", "divide by zero", "invalid value"):
+            config.addinivalue_line("filterwarnings", f"ignore:{what} encountered in scalar:RuntimeWarning")
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark every test with its level, the name of the folder it is in, and with its need of real data."""
     for item in items:
