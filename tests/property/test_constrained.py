@@ -41,7 +41,9 @@ def draw_problem(seed, n_sats, length_m=1.0, length_sd_m=0.0, phase_sd_m=0.003, 
     rng = np.random.default_rng(seed)
     azimuth = rng.uniform(0.0, 2.0 * np.pi, n_sats)
     up = rng.uniform(0.2, 1.0, n_sats)
-    direction = np.column_stack([np.sqrt(1 - up**2) * np.sin(azimuth), np.sqrt(1 - up**2) * np.cos(azimuth), up])
+    direction = np.column_stack(
+        [np.sqrt(1 - up**2) * np.sin(azimuth), np.sqrt(1 - up**2) * np.cos(azimuth), up]
+    )
     heading, sine = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(-1.0, 1.0)
     size = length_m + length_sd_m * rng.standard_normal()
     level = np.sqrt(1.0 - sine**2)
@@ -108,7 +110,11 @@ def brute_minimum(a, y, start, length, length_sd):
     frame = np.vstack([start / np.linalg.norm(start), np.linalg.svd(start[None])[2][1:]])
 
     def point(x):
-        return length * np.array([np.cos(x[0]) * np.cos(x[1]), np.sin(x[0]) * np.cos(x[1]), np.sin(x[1])]) @ frame
+        return (
+            length
+            * np.array([np.cos(x[0]) * np.cos(x[1]), np.sin(x[0]) * np.cos(x[1]), np.sin(x[1])])
+            @ frame
+        )
 
     found = least_squares(lambda x: y - a @ point(x), np.zeros(2), **tight)
     return 2.0 * found.cost, point(found.x)
@@ -135,8 +141,10 @@ def brute_two_best(problem, use_code):
         least[k], starts[k] = cost[best], points[best]
     # No point lies further from the grid than this, which bounds what the grid may miss.
     gap = 2.0 * shells.max() / np.sqrt(_N) + 0.75 * sd
-    slack = np.linalg.eigvalsh(a.T @ a)[-1] * gap**2 / 2.0 + (gap / sd) ** 2 / 2.0 if sd > 0.0 else (
-        np.linalg.eigvalsh(a.T @ a)[-1] * gap**2 / 2.0
+    slack = (
+        np.linalg.eigvalsh(a.T @ a)[-1] * gap**2 / 2.0 + (gap / sd) ** 2 / 2.0
+        if sd > 0.0
+        else (np.linalg.eigvalsh(a.T @ a)[-1] * gap**2 / 2.0)
     )
     found = []
     for k in np.argsort(least):
@@ -157,7 +165,7 @@ def test_both_searches_find_the_optimum_of_brute_force(n_sats, length_sd_m, use_
     # More satellites have more integers to enumerate, so their baselines are shorter.
     length = {4: 0.30, 5: 0.22, 6: 0.15}[n_sats]
     for seed in range(3):
-        problem, _, _ = draw_problem([seed, n_sats], n_sats, length, length_sd_m, phase_sd_m=0.008)
+        problem, _, _ = draw_problem([seed, n_sats], n_sats, length, length_sd_m, phase_sd_m=0.006)
         found = brute_two_best(problem, use_code)
         tree = resolve_constrained(problem, use_code=use_code)
         sphere = search_on_sphere(problem, use_code=use_code)
@@ -170,3 +178,184 @@ def test_both_searches_find_the_optimum_of_brute_force(n_sats, length_sd_m, use_
             assert result.baseline_enu_m[0] == pytest.approx(found[0][1], abs=1e-5)
         if tree.ratio * tree.objective[0] < tree.objective[0] + 29.0:
             assert tree.ratio * tree.objective[0] == pytest.approx(found[1][0], rel=1e-6, abs=1e-6)
+
+
+seeds = st.integers(0, 10**6)
+
+
+@given(
+    seed=seeds,
+    n_sats=st.integers(4, 7),
+    n_groups=st.integers(1, 2),
+    use_code=st.booleans(),
+    length_sd_m=st.sampled_from([0.0, 0.001, 0.005]),
+    length_m=st.sampled_from([0.1, 0.33, 1.0]),
+)
+def test_tree_and_sphere_agree(seed, n_sats, n_groups, use_code, length_sd_m, length_m):
+    problem, _, _ = draw_problem(seed, n_sats, length_m, length_sd_m, 0.002, 0.3, n_groups)
+    sphere = search_on_sphere(problem, use_code=use_code)
+    assume(sphere.reason != Reason.SEARCH_VOLUME_TOO_LARGE)
+    tree = resolve_constrained(problem, use_code=use_code)
+    assert (tree.reason, tree.status) == (sphere.reason, sphere.status)
+    assert np.array_equal(tree.integers_cyc[0], sphere.integers_cyc[0])
+    # Objectives are sums of squares of metres over square millimetres: 1e-9 of their terms remains.
+    assert tree.objective[0] == pytest.approx(sphere.objective[0], rel=1e-6, abs=1e-6)
+    assert tree.baseline_enu_m == pytest.approx(sphere.baseline_enu_m[:1], abs=1e-7)
+    # The sphere lists candidates as far as its grid proves them, at least 10 above the best.
+    if tree.ratio * tree.objective[0] < tree.objective[0] + 9.0:
+        assert tree.ratio == pytest.approx(sphere.ratio, rel=1e-5)
+    assert tree.success_probability == pytest.approx(sphere.success_probability, abs=0.01)
+
+
+@given(
+    seed=seeds, n_sats=st.integers(5, 8), use_code=st.booleans(), length_sd_m=st.sampled_from([0.0, 0.003])
+)
+def test_engine_agrees_with_the_adjustment_of_double_differences(seed, n_sats, use_code, length_sd_m):
+    problem, singles, truth = draw_problem(seed, n_sats, 1.0, length_sd_m, n_groups=2)
+    one = resolve_constrained(problem, use_code=use_code)
+    run = engine_run.run_engine(
+        singles, use_code=use_code, length_m=1.0, length_sd_m=length_sd_m, margin=30.0, cap_factor=20.0
+    )
+    rows = np.flatnonzero(np.arange(2 * n_sats) % n_sats)
+    assert np.array_equal(run.integer_cyc[rows], one.integers_cyc[0])
+    assert run.cost[0] == pytest.approx(one.objective[0], rel=1e-7, abs=1e-6)
+    assert run.baseline_m[0] == pytest.approx(one.baseline_enu_m[0], abs=1e-8)
+    assert run.probability[0] == pytest.approx(one.success_probability, abs=1e-6)
+    # The engine gives an exact length a tenth of a micrometre.
+    assert run.cov_m2[0] == pytest.approx(one.cov_baseline_m2, rel=1e-5, abs=2e-14)
+    del truth
+
+
+@given(seed=seeds, n_sats=st.integers(5, 9), code_sd_m=st.sampled_from([0.1, 0.3, 1.0]))
+def test_engine_without_the_length_is_lambda(seed, n_sats, code_sd_m):
+    problem, singles, _ = draw_problem(seed, n_sats, code_sd_m=code_sd_m, n_groups=2)
+    one = resolve_lambda(problem)
+    run = engine_run.run_engine(
+        singles, length_m=1.0, use_length=False, margin=30.0, cap_factor=20.0, ratio_mode=1, ratio_limit=3.0
+    )
+    rows = np.flatnonzero(np.arange(2 * n_sats) % n_sats)
+    assert np.array_equal(run.integer_cyc[rows], one.integers_cyc[0])
+    assert run.cost[0] == pytest.approx(one.objective[0], rel=1e-7, abs=1e-6)
+    assert run.baseline_m[0] == pytest.approx(one.baseline_enu_m[0], abs=1e-8)
+    assert run.cov_m2[0] == pytest.approx(one.cov_baseline_m2, rel=1e-6, abs=1e-12)
+    assert run.probability[0] == pytest.approx(one.success_probability, abs=1e-6)
+    # Further than the test looks the engine's ratio is only a lower bound.
+    if one.ratio < 3.0:
+        assert run.ratio[0] == pytest.approx(one.ratio, rel=1e-6)
+    else:
+        assert 3.0 <= run.ratio[0] <= one.ratio * (1.0 + 1e-6)
+
+
+def shell_cost(centre, information, length, variance, b):
+    """The function that `nearest_on_shell` minimises, over baselines (..., 3)."""
+    cost = np.sum(information * (b - centre) ** 2, axis=-1)
+    if variance > 0.0:
+        cost = cost + (np.linalg.norm(b, axis=-1) - length) ** 2 / variance
+    return cost
+
+
+def brute_shell(centre, information, length, variance):
+    """Its least value over a dense shell, polished from the three lowest points."""
+    root = np.diag(np.sqrt(information))
+    sizes = [length]
+    if variance > 0.0:
+        sizes = np.linspace(0.0, 2.0 * (length + np.linalg.norm(centre)), 201)[1:]
+    starts = [size * SPIRAL[:: 1 if variance == 0.0 else 50] for size in sizes]
+    points = np.concatenate(starts)
+    cost = shell_cost(centre, information, length, variance, points)
+    best = [
+        brute_minimum(root, root @ centre, points[k], length, np.sqrt(variance))[0]
+        for k in np.argsort(cost)[:3]
+    ]
+    return min(best)
+
+
+CENTRES = {
+    "outside": (0.9, -1.2, 0.8),
+    "inside": (0.2, 0.3, -0.1),
+    "zero": (0.0, 0.0, 0.0),
+    "on the weak axis": (0.4, 0.0, 0.0),
+    "on the middle axis, close in": (0.0, 0.1, 0.0),
+    "on the middle axis, far out": (0.0, 3.0, 0.0),
+    "on the stiff axis, close in": (0.0, 0.0, 0.1),
+    "in the stiff plane": (0.0, 0.3, 0.2),
+    "nearly in the stiff plane": (1e-13, 0.3, 0.2),
+    "hardly off the stiff plane": (-1e-7, 0.3, 0.2),
+    "on the sphere": (0.6, 0.0, 0.8),
+}
+
+
+@pytest.mark.parametrize("centre", CENTRES.values(), ids=CENTRES.keys())
+@pytest.mark.parametrize("variance", [0.0, 1e-6, 0.01, 0.5])
+@pytest.mark.parametrize(
+    "information", [(4.0, 20.0, 900.0), (5.0, 5.0, 5.0), (5.0, 5.0, 80.0), (1e-3, 7.0, 7.0)]
+)
+def test_nearest_on_shell_is_the_global_minimum(centre, variance, information):
+    from truenorth._kernels.constrained import nearest_on_shell
+
+    centre, information = np.array(centre), np.array(information)
+    b = np.empty(3)
+    nu, inner = nearest_on_shell(centre, information, 1.0, variance, b)
+    assert inner == pytest.approx(shell_cost(centre, information, 1.0, variance, b), rel=1e-9, abs=1e-12)
+    assert np.linalg.norm(b) * (1.0 - nu * variance) == pytest.approx(1.0, abs=1e-9)
+    assert -information[0] * (1.0 + 1e-12) <= nu
+    # The value is attained by a baseline of that length, so it need only not exceed what others attain.
+    assert inner <= brute_shell(centre, information, 1.0, variance) * (1.0 + 1e-9) + 1e-10
+
+
+@given(
+    centre=st.tuples(*[st.floats(-3.0, 3.0)] * 3),
+    information=st.tuples(*[st.floats(-3.0, 6.0)] * 3),
+    length=st.floats(0.05, 10.0),
+    deviation=st.sampled_from([0.0, 1e-4, 0.01, 0.3]),
+)
+def test_nearest_on_shell_solves_the_secular_equation(centre, information, length, deviation):
+    from truenorth._kernels.constrained import nearest_on_shell
+
+    centre, information = np.array(centre), np.sort(10.0 ** np.array(information))
+    b = np.empty(3)
+    nu, inner = nearest_on_shell(centre, information, length, deviation**2, b)
+    # The root lies where the Hessian is not negative, which makes it the global minimum.
+    assert nu >= -information[0] * (1.0 + 1e-9)
+    assert np.linalg.norm(b) * (1.0 - nu * deviation**2) == pytest.approx(length, rel=1e-6)
+    gradient = information * (b - centre) + nu * b
+    assert np.abs(gradient) == pytest.approx(0.0, abs=1e-6 * information[2] * (length + 6.0))
+    # No better than the bounds of any baseline of that length.
+    short = (np.linalg.norm(centre) - length) ** 2
+    assert inner >= short / (1.0 / information[0] + deviation**2) * (1.0 - 1e-9) - 1e-9
+    assert inner <= short / (1.0 / information[2] + deviation**2) * (1.0 + 1e-9) + 1e-9
+
+
+def test_a_prior_direction_counts_in_both_searches():
+    problem, _, truth = draw_problem(11, 4, 1.0, phase_sd_m=0.002)
+    plain = resolve_constrained(problem, use_code=False)
+    cov = np.diag([0.02, 0.02, 0.02]) ** 2
+    true_b = np.linalg.lstsq(problem.design, problem.phase_m - problem.wavelength_m * truth, rcond=None)[0]
+    told = replace(problem, prior_baseline_enu_m=true_b, cov_prior_m2=cov)
+    tree, sphere = resolve_constrained(told, use_code=False), search_on_sphere(told, use_code=False)
+    assert plain.success_probability < 0.9
+    assert tree.status == Status.FIXED
+    assert np.array_equal(tree.integers_cyc[0], truth)
+    assert tree.objective == pytest.approx(sphere.objective[:1], rel=1e-8)
+    assert tree.success_probability == pytest.approx(sphere.success_probability, abs=1e-6)
+
+
+def test_without_a_length_it_is_lambda():
+    problem, _, _ = draw_problem(5, 8)
+    free = replace(problem, length_m=np.nan)
+    ours, theirs = resolve_constrained(free), resolve_lambda(free)
+    assert np.array_equal(ours.integers_cyc[0], theirs.integers_cyc[0])
+    assert resolve_constrained(free, use_code=False).reason == Reason.NO_CODE
+    assert search_on_sphere(free).reason == Reason.TOO_FEW_SATELLITES
+
+
+def test_refusals_are_reasons():
+    problem, _, _ = draw_problem(5, 8)
+    assert search_on_sphere(problem, max_points=100).reason == Reason.SEARCH_VOLUME_TOO_LARGE
+    assert resolve_constrained(problem, max_nodes=3).reason == Reason.SEARCH_LIMIT
+    assert resolve_constrained(problem, success_probability=1.1).reason == Reason.PROBABILITY_TEST
+    assert resolve_constrained(replace(problem, length_m=1.5)).status != Status.FIXED
+    noisy = replace(
+        problem, phase_m=problem.phase_m + 0.02 * (np.arange(7) % 2), cov_phase_m2=problem.cov_phase_m2
+    )
+    assert resolve_constrained(noisy, use_code=False).reason in (Reason.RESIDUAL_TEST, Reason.NO_CANDIDATE)

@@ -76,51 +76,46 @@ def nearest_on_shell(centre, information, length, variance, b):
     the output b (3,). Returns (nu, minimum).
     """
     p_min = information[0]
-    low = -p_min
-    high = np.inf if variance <= 0.0 else 1.0 / variance
-    # Start from the radial guess; every step keeps the bracket.
-    norm = np.sqrt(centre[0] ** 2 + centre[1] ** 2 + centre[2] ** 2)
-    nu = 0.0
+    # The unknown is t = p_min + nu > 0, which keeps all its digits near the hard case.
+    low = 0.0
+    high = np.inf if variance <= 0.0 else p_min + 1.0 / variance
+    t = p_min
     hard = False
     for _ in range(100):
         square = 0.0
         slope = 0.0
         for i in range(3):
-            b[i] = information[i] * centre[i] / (information[i] + nu)
+            stiff = information[i] - p_min + t
+            b[i] = information[i] * centre[i] / stiff
             square += b[i] * b[i]
-            slope += b[i] * b[i] / (information[i] + nu)
+            slope += b[i] * b[i] / stiff
         norm = np.sqrt(square)
-        if norm == 0.0:
+        if norm == 0.0 or t < 1e-15 * p_min:
             hard = True
             break
-        # phi(nu) = 1 / |b| - (1 - nu sigma^2) / l: increasing, nearly linear.
-        phi = 1.0 / norm - (1.0 - nu * variance) / length
+        # phi(t) = 1 / |b| - (1 - nu sigma^2) / l: increasing, nearly linear.
+        phi = 1.0 / norm - (1.0 - (t - p_min) * variance) / length
         if abs(phi) * norm < 1e-14:
             break
         if phi > 0.0:
-            high = nu
+            high = t
         else:
-            low = nu
-        derivative = slope / (square * norm) + variance / length
-        step = nu - phi / derivative
+            low = t
+        # A Newton step, or half the bracket where that leaves it.
+        step = t - phi / (slope / (square * norm) + variance / length)
         if not low < step < high:
-            step = 0.5 * (low + high) if high < np.inf else 2.0 * abs(nu) + p_min
-        if abs(step - nu) <= 1e-15 * (p_min + abs(nu)):
-            nu = step
-            if p_min + nu < 1e-9 * p_min:
-                hard = True
+            step = 0.5 * (low + high) if high < np.inf else 2.0 * t
+        if abs(step - t) <= 1e-15 * t:
             break
-        nu = step
-        if p_min + nu < 1e-12 * p_min:
-            hard = True
-            break
+        t = step
+    nu = t - p_min
     if hard:
         nu = -p_min
         target = length / (1.0 - nu * variance)
         rest = 0.0
         for i in range(1, 3):
-            gap = information[i] + nu
-            b[i] = information[i] * centre[i] / gap if gap > 1e-12 * information[i] else 0.0
+            stiff = information[i] - p_min
+            b[i] = information[i] * centre[i] / stiff if stiff > 1e-12 * information[i] else 0.0
             rest += b[i] * b[i]
         b[0] = np.sqrt(max(target * target - rest, 0.0))
         if centre[0] < 0.0:
