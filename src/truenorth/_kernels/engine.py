@@ -275,7 +275,7 @@ def write_result(
             chi2 += (size - length) ** 2 / length_variance
     for r in range(3):
         row[BX + r] = b[r]
-    write_symmetric(cov, row, COV)
+    write_symmetric(cov, row, np.int64(COV))
     row[CHI2] = chi2
     row[CHI2_DOF] = dof
     row[CHI2_LIMIT] = chi2_limits[min(dof, len(chi2_limits) - 1)] if dof > 0 else np.nan
@@ -291,7 +291,7 @@ def write_dops(m, design, variance, group, b, hc, yc, w, total, row):
     # Single differences of unit undifferenced noise have variance 2.
     for k in range(m):
         variance[k] = 2.0
-    centre(0, m, yc, design, variance, group, w, hc, yc, total)
+    centre(np.int64(0), m, yc, design, variance, group, w, hc, yc, total)
     accumulate(m, w, hc, yc, information, rhs)
     if not invert_3(information, q):
         return
@@ -693,8 +693,11 @@ def run_engine(
     winner = np.full(n_arcs, np.nan)
     wins = 0
     weight = 0.0
-    n_slots = 0
-    n_events = 0
+    # Plain integers, not literals: a kernel is compiled anew for each literal it is called with.
+    zero = np.int64(0)
+    nowhere = np.int64(-1)
+    n_slots = zero
+    n_events = zero
 
     info_code = np.empty((3, 3))
     info = np.empty((3, 3))
@@ -734,11 +737,11 @@ def run_engine(
         if not carry:
             for s in range(n_slots):
                 slot_of_arc[slot_arc[s]] = -1
-            n_slots = 0
+            n_slots = zero
         for k in range(m):
             if slot_of_arc[arc[k]] >= 0:
                 slot_arc[slot_of_arc[arc[k]]] = -1 - arc[k]
-        s = 0
+        s = zero
         while s < n_slots:
             if slot_arc[s] >= 0:
                 slot_of_arc[slot_arc[s]] = -1
@@ -774,7 +777,7 @@ def run_engine(
                 for c in range(3):
                     b[r] += cov[r, c] * rhs_code[c]
                 row[FLOAT_X + r] = b[r]
-            write_symmetric(cov, row, FLOAT_COV)
+            write_symmetric(cov, row, np.int64(FLOAT_COV))
             status[e] = S_FLOAT
 
         # Held integers first: they stand as long as residuals and length agree.
@@ -792,7 +795,7 @@ def run_engine(
                     rhs[r] = rhs_code[r]
                     for c in range(3):
                         info[r, c] = info_code[r, c]
-                centre(0, m, y_held, design, variance_held, group, w, hc, yc, total)
+                centre(zero, m, y_held, design, variance_held, group, w, hc, yc, total)
                 accumulate(m, w, hc, yc, info, rhs)
                 if not invert_3(info, cov):
                     break
@@ -812,7 +815,7 @@ def run_engine(
                     released = check_length and row[LENGTH_STATISTIC] > length_tolerance_sd
                     if released:
                         n_events = log_event(
-                            events, numbers, n_events, e, -1, E_RELEASED_LENGTH,
+                            events, numbers, n_events, e, nowhere, np.int64(E_RELEASED_LENGTH),
                             row[LENGTH_STATISTIC], length_tolerance_sd,
                         )  # fmt: skip
                     done = not released
@@ -821,7 +824,7 @@ def run_engine(
                 attempt += 1
                 if worst < 0 or n_held <= 4 or attempt > 1 + n_held // 4:
                     released = True
-                    n_events = log_event(events, numbers, n_events, e, -1, E_RELEASED_RESIDUAL, chi2, limit)
+                    n_events = log_event(events, numbers, n_events, e, nowhere, np.int64(E_RELEASED_RESIDUAL), chi2, limit)
                     break
                 # One bad phase: out for this epoch; a slip when it stays bad.
                 variance_held[worst] = _ABSENT
@@ -832,7 +835,7 @@ def run_engine(
                     held[a] = np.nan
                     votes[a] = 0
                     n_events = log_event(
-                        events, numbers, n_events, e, index[worst], E_DROPPED, size, STRIKES_TO_DROP
+                        events, numbers, n_events, e, index[worst], np.int64(E_DROPPED), size, 1.0 * STRIKES_TO_DROP
                     )
             for k in range(m):
                 strikes[arc[k]] = max(strikes[arc[k]] - 1, 0)
@@ -871,13 +874,13 @@ def run_engine(
                 candidate[a] = nearest
                 if votes[a] >= VOTES_TO_HOLD:
                     held[a] = nearest
-                    n_events = log_event(events, numbers, n_events, e, index[k], E_ADDED, off, 0.25 * lam[k])
+                    n_events = log_event(events, numbers, n_events, e, index[k], np.int64(E_ADDED), off, 0.25 * lam[k])
 
         # The search, where nothing is held; outlying phases are struck one by one.
         n = 0
         n_struck = 0
         for attempt in range(max_exclusions + 1):
-            n = centre(0, m, y, design, variance, group, w, hc, yc, total)
+            n = centre(zero, m, y, design, variance, group, w, hc, yc, total)
             for r in range(3):
                 rhs[r] = rhs_code[r]
                 for c in range(3):
@@ -917,7 +920,7 @@ def run_engine(
                     spread[k] = a_best[j]
                     j += 1
                 y_held[k] = y[k] - lam[k] * spread[k]
-            centre(0, m, y_held, design, variance, group, w, hc, yc, total)
+            centre(zero, m, y_held, design, variance, group, w, hc, yc, total)
             chi2 = residual_sum(m, w, hc, yc, b_con, res)
             write_result(
                 b_free, b_con, info, cov, chi2, n - 3, length, length_variance, use_length, chi2_limits, row
@@ -942,7 +945,7 @@ def run_engine(
             worst, size = worst_row(m, w, hc, total, res, cov)
             if worst < 0:
                 break
-            n_events = log_event(events, numbers, n_events, e, index[worst], E_EXCLUDED, size, np.nan)
+            n_events = log_event(events, numbers, n_events, e, index[worst], np.int64(E_EXCLUDED), size, np.nan)
             residual[index[worst]] = np.nan
             integer[index[worst]] = np.nan
             # The search goes on with what the memory says when nothing is known of the struck arc.
@@ -981,7 +984,7 @@ def run_engine(
                         held[arc[k]] = spread[k]
                         strikes[arc[k]] = 0
                     n_events = log_event(
-                        events, numbers, n_events, e, -1, E_FIXED, row[PROBABILITY], min_probability
+                        events, numbers, n_events, e, nowhere, np.int64(E_FIXED), row[PROBABILITY], min_probability
                     )
             else:
                 reason[e] = R_NOT_PERSISTENT
@@ -992,7 +995,7 @@ def run_engine(
 
         # The memory learns from every epoch.
         if carry and n >= 1:
-            centre(0, m, y, design, variance, group, w, hc, yc, total)
+            centre(zero, m, y, design, variance, group, w, hc, yc, total)
             if invert_3(info, cov):
                 fade = 1.0 - share / memory_epochs if weight > 0.0 else 1.0
                 weight = fade * weight + share

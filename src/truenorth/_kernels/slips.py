@@ -51,7 +51,7 @@ def detect_slips(
     x = np.empty(4)
     for e in range(n_epochs):
         first, last = start[e], start[e + 1]
-        m = 0
+        m = np.int64(0)
         for i in range(first, last):
             slip[i] = 0
             if previous[i] >= 0:
@@ -62,7 +62,7 @@ def detect_slips(
         d = np.empty(m)
         v = np.empty(m)
         alive = np.ones(m, np.bool_)
-        m = 0
+        m = np.int64(0)
         for i in range(first, last):
             p = previous[i]
             if p >= 0:
@@ -139,7 +139,7 @@ def detect_slips(
         # With too few satellites for the test above, Doppler predicts the change (Harvey 1998, 3.5).
         if n_alive < 5:
             rate = np.empty(m)
-            n_rate = 0
+            n_rate = np.int64(0)
             for k in range(m):
                 i = index[k]
                 p = previous[i]
