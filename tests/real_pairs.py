@@ -213,3 +213,30 @@ def simulator_truth(data_dir):
     with gzip.open(path, "rt") as stream:
         rows = list(csv.reader(stream))[1:]
     return np.array([[row[0], *row[4:10]] for row in rows], dtype=float)
+
+
+def simulator_error(solution, truth):
+    """Error of the baseline, true velocity and true baseline, each (n, 3), in the Earth's axes."""
+    seconds = (solution.time_ns - solution.time_ns[0]) / 1e9
+    row = np.searchsorted(truth[:, 0], seconds - 1e-6)
+    np.testing.assert_allclose(truth[row, 0], seconds, atol=1e-6)
+    baseline = truth[row, 1:4] - SIMULATOR_BASE_ECEF_M
+    return solution.baseline_ecef_m - baseline, truth[row, 4:7], baseline
+
+
+def regress_on_motion(error, velocity, baseline):
+    """Time-tag error (s) and scale of the baseline, each with its sigma, beside a constant offset.
+
+    Errors of neighbouring epochs are alike, so sigmas come from leaving out a minute at a time.
+    """
+    offset = np.broadcast_to(np.eye(3), (len(error), 3, 3))
+    design = np.concatenate([velocity[..., None], baseline[..., None], offset], axis=-1)
+
+    def solve_for(keep):
+        return np.linalg.lstsq(design[keep].reshape(-1, 5), error[keep].ravel(), rcond=None)[0]
+
+    every = solve_for(slice(None))
+    blocks = np.array_split(np.arange(len(error)), 10)
+    without = np.array([solve_for(np.setdiff1d(np.arange(len(error)), block)) for block in blocks])
+    sigma = np.sqrt((len(blocks) - 1) * np.var(without, axis=0))
+    return (every[0], sigma[0]), (every[1], sigma[1])

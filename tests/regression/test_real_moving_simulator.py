@@ -6,35 +6,14 @@ Noise free, so what is left is the solver's own: time tags, clocks, orbits, geom
 import numpy as np
 import pytest
 
-from real_pairs import SIMULATOR_2KM_ECEF_M, SIMULATOR_BASE_ECEF_M, simulator_truth, solve
-
-
-def error_of(solution, data_dir):
-    """Error of the baseline, true velocity and true baseline, each (n, 3), in the Earth's axes."""
-    truth = simulator_truth(data_dir)
-    seconds = (solution.time_ns - solution.time_ns[0]) / 1e9
-    row = np.searchsorted(truth[:, 0], seconds - 1e-6)
-    np.testing.assert_allclose(truth[row, 0], seconds, atol=1e-6)
-    baseline = truth[row, 1:4] - SIMULATOR_BASE_ECEF_M
-    return solution.baseline_ecef_m - baseline, truth[row, 4:7], baseline
-
-
-def regress(error, velocity, baseline):
-    """Time-tag error (s) and scale of the baseline, each with its sigma, beside a constant offset.
-
-    Errors of neighbouring epochs are alike, so sigmas come from blocks of a minute, not from epochs.
-    """
-    offset = np.broadcast_to(np.eye(3), (len(error), 3, 3))
-    design = np.concatenate([velocity[..., None], baseline[..., None], offset], axis=-1)
-
-    def solve_for(keep):
-        return np.linalg.lstsq(design[keep].reshape(-1, 5), error[keep].ravel(), rcond=None)[0]
-
-    every = solve_for(slice(None))
-    blocks = np.array_split(np.arange(len(error)), 10)
-    without = np.array([solve_for(np.setdiff1d(np.arange(len(error)), block)) for block in blocks])
-    sigma = np.sqrt((len(blocks) - 1) * np.var(without, axis=0))
-    return (every[0], sigma[0]), (every[1], sigma[1])
+from real_pairs import (
+    SIMULATOR_2KM_ECEF_M,
+    SIMULATOR_BASE_ECEF_M,
+    regress_on_motion,
+    simulator_error,
+    simulator_truth,
+    solve,
+)
 
 
 @pytest.mark.parametrize(
@@ -44,10 +23,10 @@ def test_every_epoch_of_the_rose(data_dir, signals):
     solution = solve(data_dir, "rose", **signals)
     assert solution.n_epochs == 601
     assert solution.is_accepted.all()
-    error, velocity, baseline = error_of(solution, data_dir)
+    error, velocity, baseline = simulator_error(solution, simulator_truth(data_dir))
     # Measured 0.42, 0.58 and 0.91 mm at most: the atmosphere over 100 m, which the simulator has.
     assert np.linalg.norm(error, axis=1).max() <= 0.001
-    (time_tag_s, time_tag_sd_s), (scale, scale_sd) = regress(error, velocity, baseline)
+    (time_tag_s, time_tag_sd_s), (scale, scale_sd) = regress_on_motion(error, velocity, baseline)
     # 2 to 5 m/s: 50 microseconds would be 0.25 mm.
     assert abs(time_tag_s) + 2 * time_tag_sd_s < 50e-6
     # One part per million is 0.1 mm at 100 m.
@@ -57,7 +36,7 @@ def test_every_epoch_of_the_rose(data_dir, signals):
 def test_filter_follows_the_rose(data_dir):
     solution = solve(data_dir, "rose", single_epoch=False, method="filter")
     assert solution.is_accepted.all()
-    error, _, _ = error_of(solution, data_dir)
+    error, _, _ = simulator_error(solution, simulator_truth(data_dir))
     assert np.linalg.norm(error, axis=1).max() <= 0.001
 
 
