@@ -130,3 +130,11 @@ def test_the_page_of_data_sets_is_the_table():
     tool = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(tool)
     assert tool.PAGE.read_text(encoding="utf-8") == tool.page(), "run python tools/datasets_page.py"
+
+
+def test_every_page_of_validation_is_in_its_table_of_contents():
+    folder = ROOT / "docs" / "validation"
+    contents = (folder / "README.md").read_text(encoding="utf-8")
+    assert not [
+        page.name for page in folder.glob("*.md") if page.name != "README.md" and page.name not in contents
+    ]
