@@ -71,7 +71,9 @@ class StochasticSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
                 raise ConfigError(f"`{key}` is {value!r}; give 0 or more", key=key, value=value)
         if not self.memory_epochs >= 1.0:
             value = self.memory_epochs
-            raise ConfigError(f"`memory_epochs` is {value!r}; give 1 or more", key="memory_epochs", value=value)
+            raise ConfigError(
+                f"`memory_epochs` is {value!r}; give 1 or more", key="memory_epochs", value=value
+            )
 
 
 class GnssSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

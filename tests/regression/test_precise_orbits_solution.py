@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+
 import truenorth
 from truenorth.navigation import PreciseOrbits
 from truenorth.observations import sat_id

@@ -824,7 +824,9 @@ def run_engine(
                 attempt += 1
                 if worst < 0 or n_held <= 4 or attempt > 1 + n_held // 4:
                     released = True
-                    n_events = log_event(events, numbers, n_events, e, nowhere, np.int64(E_RELEASED_RESIDUAL), chi2, limit)
+                    n_events = log_event(
+                        events, numbers, n_events, e, nowhere, np.int64(E_RELEASED_RESIDUAL), chi2, limit
+                    )
                     break
                 # One bad phase: out for this epoch; a slip when it stays bad.
                 variance_held[worst] = _ABSENT
@@ -835,7 +837,14 @@ def run_engine(
                     held[a] = np.nan
                     votes[a] = 0
                     n_events = log_event(
-                        events, numbers, n_events, e, index[worst], np.int64(E_DROPPED), size, 1.0 * STRIKES_TO_DROP
+                        events,
+                        numbers,
+                        n_events,
+                        e,
+                        index[worst],
+                        np.int64(E_DROPPED),
+                        size,
+                        1.0 * STRIKES_TO_DROP,
                     )
             for k in range(m):
                 strikes[arc[k]] = max(strikes[arc[k]] - 1, 0)
@@ -874,7 +883,9 @@ def run_engine(
                 candidate[a] = nearest
                 if votes[a] >= VOTES_TO_HOLD:
                     held[a] = nearest
-                    n_events = log_event(events, numbers, n_events, e, index[k], np.int64(E_ADDED), off, 0.25 * lam[k])
+                    n_events = log_event(
+                        events, numbers, n_events, e, index[k], np.int64(E_ADDED), off, 0.25 * lam[k]
+                    )
 
         # The search, where nothing is held; outlying phases are struck one by one.
         n = 0
@@ -945,7 +956,9 @@ def run_engine(
             worst, size = worst_row(m, w, hc, total, res, cov)
             if worst < 0:
                 break
-            n_events = log_event(events, numbers, n_events, e, index[worst], np.int64(E_EXCLUDED), size, np.nan)
+            n_events = log_event(
+                events, numbers, n_events, e, index[worst], np.int64(E_EXCLUDED), size, np.nan
+            )
             residual[index[worst]] = np.nan
             integer[index[worst]] = np.nan
             # The search goes on with what the memory says when nothing is known of the struck arc.
@@ -984,7 +997,14 @@ def run_engine(
                         held[arc[k]] = spread[k]
                         strikes[arc[k]] = 0
                     n_events = log_event(
-                        events, numbers, n_events, e, nowhere, np.int64(E_FIXED), row[PROBABILITY], min_probability
+                        events,
+                        numbers,
+                        n_events,
+                        e,
+                        nowhere,
+                        np.int64(E_FIXED),
+                        row[PROBABILITY],
+                        min_probability,
                     )
             else:
                 reason[e] = R_NOT_PERSISTENT

@@ -66,7 +66,9 @@ def resolve_classical(differences, settings, factors, *, progress=None):
     for epoch in np.flatnonzero(np.diff(status == Status.FIXED, prepend=False)):
         word = "accepted" if status[epoch] == Status.FIXED else "no longer accepted"
         text = f"integers {word} by the {settings.method} search"
-        events.append((int(d.time_ns[epoch]), "fixed", "", "", float(table[epoch, engine.RATIO]), np.nan, text))
+        events.append(
+            (int(d.time_ns[epoch]), "fixed", "", "", float(table[epoch, engine.RATIO]), np.nan, text)
+        )
     return ResolvedEpochs(table, status, reason, row, start, residual, integer, factors, events)
 
 

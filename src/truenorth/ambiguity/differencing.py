@@ -223,7 +223,7 @@ def match_signals(base, rover, base_epoch, rover_epoch, settings):
     count_r = np.bincount(kinds_r[phase_r], minlength=7000)
     for kind_band in np.unique(np.concatenate((kinds_b, kinds_r)) // 100):
         span = np.arange(kind_band * 100, kind_band * 100 + 100)
-        system, band = kind_band // 10, kind_band % 10
+        system = kind_band // 10
 
         def rank(signal):
             letter = signal_name(int(signal) % 1000)[1]
@@ -237,15 +237,14 @@ def match_signals(base, rover, base_epoch, rover_epoch, settings):
             best_b = max(span, key=lambda k: count_b[k]) % 1000
             best_r = max(span, key=lambda k: count_r[k]) % 1000
             pairs.append((system, best_b, best_r))
-        del band
 
     found = []
     taken = np.empty(0, np.int64)
     key_b = (epoch_b * 1000 + sat_b) * 10
     key_r = (epoch_r * 1000 + sat_r) * 10
     for group, (system, signal_base, signal_rover) in enumerate(pairs):
-        in_b = np.flatnonzero((kinds_b == system * 1000 + signal_base))
-        in_r = np.flatnonzero((kinds_r == system * 1000 + signal_rover))
+        in_b = np.flatnonzero(kinds_b == system * 1000 + signal_base)
+        in_r = np.flatnonzero(kinds_r == system * 1000 + signal_rover)
         band = signal_base // 100
         common, at_b, at_r = np.intersect1d(
             key_b[in_b] + band, key_r[in_r] + band, assume_unique=True, return_indices=True
@@ -360,7 +359,9 @@ def build_single_differences(base, rover, base_point, rover_point, settings):
         - 2.0 * np.cross(omega, velocity)
         - np.cross(omega, np.cross(omega, satellite))
     )
-    satellite_rover = satellite + velocity * dt_transmit[:, None] + 0.5 * acceleration * dt_transmit[:, None] ** 2
+    satellite_rover = (
+        satellite + velocity * dt_transmit[:, None] + 0.5 * acceleration * dt_transmit[:, None] ** 2
+    )
     rover_range, line_rover = _modelled_range(satellite_rover, rover_m)
     clock_change = view.clock_drift_sps[at] * dt_transmit
     elevation, azimuth = view.elevation_rad[at], view.azimuth_rad[at]
@@ -466,11 +467,11 @@ def _no_common_epochs(base, rover, settings):
     def span(observations):
         if observations.n_epochs == 0:
             return "no epochs"
-        return f"{format_gpst(observations.time_ns[0])} to {format_gpst(observations.time_ns[-1])}"
+        return " to ".join(format_gpst(observations.time_ns[k]) for k in (0, -1))
 
     return (
-        f"could not pair the two receivers: the base has {span(base)}, the rover {span(rover)} (GPST), and no "
-        f"two time tags lie within {settings.max_time_difference_s:g} s; give files of the same time"
+        f"could not pair the two receivers: the base has {span(base)}, the rover {span(rover)} (GPST), and "
+        f"no two time tags lie within {settings.max_time_difference_s:g} s; give files of the same time"
     )
 
 

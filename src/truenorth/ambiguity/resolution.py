@@ -33,7 +33,8 @@ UNKNOWN_LENGTH_CHANGE_M = 1.0
 """How far a baseline of unknown length may turn between epochs, in the test for slips."""
 
 DISAGREEMENT_M = 0.03
-"""Forward and backward baselines further apart than this have different integers."""
+DISAGREEMENT_SD = 5.0
+"""Forward and backward baselines further apart than both of these have different integers."""
 
 
 ENGINE_EVENTS = {
@@ -202,7 +203,8 @@ def _run_engine(differences, arcs, settings, factors, *, backward=False, epochs=
     # Whole cycles of phase minus code stay outside the engine, so its numbers are small.
     apart = np.nan_to_num((d.phase_m[row] - d.code_m[row]) / d.wavelength_m[row])
     offset = np.zeros(max(arcs.n_arcs, 1))
-    if settings.single_epoch or epochs is not None:
+    carry = not settings.single_epoch and epochs is None
+    if not carry:
         offset_row = np.rint(apart)
     else:
         first_arc, first_row = np.unique(arc, return_index=True)
@@ -229,17 +231,16 @@ def _run_engine(differences, arcs, settings, factors, *, backward=False, epochs=
         PSEUDO_WEIGHT, SEARCH_CAP_FACTOR, SEARCH_MARGIN, MAX_NODES,
         chi2_limits(settings.residual_significance, widest + 2),
         float(settings.success_probability), ratio_mode, ratio_limits, MAX_EXCLUSIONS,
-        not settings.single_epoch and epochs is None, settings.method == "filter" and not settings.single_epoch,
+        carry,
+        carry and settings.method == "filter",
         float(settings.stochastic.correlation_s), float(settings.stochastic.memory_epochs),
         settings.min_epochs_to_fix, residual, integer, table, status, reason, events, numbers,
     )  # fmt: skip
-    # Integers against the first row of their group, whole cycles put back.
+    # Whole cycles put back, and integers counted from the reference of their group.
     integer += offset_row
     epoch_of = np.repeat(np.arange(n), np.diff(start))
-    head = np.ones(len(row), bool)
-    head[1:] = (epoch_of[1:] != epoch_of[:-1]) | (d.group[row][1:] != d.group[row][:-1])
-    reference = np.maximum.accumulate(np.where(head, np.arange(len(row)), 0))
-    integer -= np.where(np.isfinite(integer[reference]), integer[reference], 0.0)
+    reference = group_references(epoch_of, d.group[row], integer)
+    integer -= integer[reference]
 
     log = []
     for k in range(n_events):
@@ -258,6 +259,30 @@ def _run_engine(differences, arcs, settings, factors, *, backward=False, epochs=
     reason[~d.has_position] = Reason.NO_POSITION
     status[~d.has_position] = Status.NONE
     return ResolvedEpochs(table, status, reason, row, start, residual, integer, factors, log)
+
+
+def group_references(epoch, group, integer):
+    """Row of the reference satellite of each row: the first of its group that took part.
+
+    Parameters
+    ----------
+    epoch, group : ndarray of int, shape (m,)
+        Rows of one group of one epoch are neighbours.
+    integer : ndarray, shape (m,)
+        Integers of the rows, NaN where a row did not take part.
+
+    Returns
+    -------
+    ndarray of int64, shape (m,)
+        The group's first row where none took part.
+    """
+    head = np.ones(len(epoch), bool)
+    head[1:] = (epoch[1:] != epoch[:-1]) | (group[1:] != group[:-1])
+    segment = np.cumsum(head) - 1
+    first = np.flatnonzero(head)
+    present = np.flatnonzero(np.isfinite(integer))[::-1]
+    first[segment[present]] = present
+    return first[segment]
 
 
 def _ratio_limits(settings, n_limits):
@@ -292,12 +317,16 @@ def _combine(forward, backward):
     accepted_f = forward.status >= Status.HELD
     accepted_b = backward.status >= Status.HELD
     take_b = accepted_b & ~accepted_f
-    more = np.nan_to_num(backward.table[:, columns.N_PHASES]) > np.nan_to_num(forward.table[:, columns.N_PHASES])
+    more = np.nan_to_num(backward.table[:, columns.N_PHASES]) > np.nan_to_num(
+        forward.table[:, columns.N_PHASES]
+    )
     take_b |= accepted_b & accepted_f & more
     gap = np.linalg.norm(
         forward.table[:, columns.BX : columns.BZ + 1] - backward.table[:, columns.BX : columns.BZ + 1], axis=1
     )
-    clash = accepted_f & accepted_b & (gap > DISAGREEMENT_M)
+    variances = slice(columns.COV, columns.COV + 3)
+    sd = np.sqrt(np.sum(forward.table[:, variances] + backward.table[:, variances], axis=1))
+    clash = accepted_f & accepted_b & (gap > DISAGREEMENT_M) & (gap > DISAGREEMENT_SD * sd)
     pick = take_b[:, None]
     status = np.where(take_b, backward.status, forward.status)
     reason = np.where(take_b, backward.reason, forward.reason)

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from ..ambiguity.differencing import build_single_differences
-from ..ambiguity.resolution import resolve_epochs
+from ..ambiguity.resolution import group_references, resolve_epochs
 from ..config import GnssSettings, convert_settings
 from ..errors import NoSolutionError, Status
 from ..frames import azimuth_elevation_from_enu
@@ -59,7 +59,8 @@ def solve_baseline(base, rover, navigation=(), *, length_m=None, settings=None, 
     Examples
     --------
     >>> import truenorth
-    >>> solution = truenorth.solve_baseline("base.obs", "rover.obs", "brdc.nav", length_m=0.99)  # doctest: +SKIP
+    >>> files = ("base.obs", "rover.obs", "brdc.nav")
+    >>> solution = truenorth.solve_baseline(*files, length_m=0.99)  # doctest: +SKIP
     """
     from ..positioning import solve_single_point
 
@@ -145,7 +146,9 @@ def _read_inputs(base, rover, navigation):
         rover = read_observations(rover)
     for name, observations in (("base", base), ("rover", rover)):
         if observations.n_epochs == 0:
-            raise NoSolutionError(f"could not solve: the {name} file {observations.meta.path} holds no epochs")
+            raise NoSolutionError(
+                f"could not solve: the {name} file {observations.meta.path} holds no epochs"
+            )
     return base, rover, navigation
 
 
@@ -177,16 +180,13 @@ def _assemble(differences, resolved, settings):
         g_el = np.stack([-enu[:, 2] * enu[:, 0], -enu[:, 2] * enu[:, 1], horizontal**2], axis=1)
         g_el /= (horizontal * size**2)[:, None]
         unit = enu / size[:, None]
+
     def spread(g):
         return np.sqrt(np.einsum("ni,nij,nj->n", g, cov, g))
 
     length_sd = np.where(fixed, table[:, kernel.LENGTH_SD], spread(unit))
     epoch = np.repeat(np.arange(n), np.diff(r.start))
-    first = np.zeros(len(r.row), bool)
-    if len(r.row):
-        group = d.group[r.row]
-        first[0] = True
-        first[1:] = (group[1:] != group[:-1]) | (epoch[1:] != epoch[:-1])
+    is_reference = group_references(epoch, d.group[r.row], r.integer_cyc) == np.arange(len(r.row))
     sat_key = np.unique(epoch * 1000 + d.sat[r.row])
     n_sats = np.bincount(sat_key // 1000, minlength=n)
     ecef = np.einsum("nji,nj->ni", d.rot_enu_from_ecef, enu)
@@ -223,7 +223,7 @@ def _assemble(differences, resolved, settings):
         residual_elevation_rad=d.elevation_rad[r.row],
         residual_azimuth_rad=d.azimuth_rad[r.row],
         residual_integer_cyc=r.integer_cyc,
-        residual_is_reference=first,
+        residual_is_reference=is_reference,
         candidate_length_m=table[:, kernel.LENGTH],
         candidate_length_sd_m=table[:, kernel.LENGTH_SD],
         events=tuple(EpochEvent(*event) for event in sorted(r.events, key=lambda event: event[0])),
