@@ -15,8 +15,8 @@ NAME = "geodetic"
 WRONG_M = 0.05
 GPS_L1 = {"systems": "G", "bands": ("L1",)}
 
-# Right best candidates demanded of 301, by mask; plain integer least squares: 301, 296, 279, 84 with another
-# stochastic model, RTKLIB demo5 fixes 91 right at 25 degrees.
+# Right best candidates demanded of 301, by mask; plain integer least squares of another
+# implementation: 301, 296, 279, 84; RTKLIB demo5 fixes 91 right at 25 degrees.
 BEST_RIGHT = {15.0: 301, 20.0: 301, 25.0: 301, 28.0: 297}
 
 
