@@ -504,6 +504,47 @@ def calibration_section(data, judge):
     ]
 
 
+def weight_section(data, judge):
+    """What the weight of weak signals does to the figures above."""
+    rows = []
+    for slope in (0.0, 0.3, 0.5, 0.7, 1.0):
+        noise = truenorth.StochasticSettings(cn0_slope=slope)
+        few = rp.solve(data, "geodetic", elevation_mask_deg=28.0, stochastic=noise, **GPS_L1)
+        every = rp.solve(data, "geodetic", stochastic=noise)
+        galileo = rp.solve(data, "geodetic", stochastic=noise, **GALILEO_E1)
+        right = judge.right("geodetic", few)
+        scatter = rp.angle_deg(every.azimuth_rad)[1]
+        stated = np.degrees(np.sqrt(np.mean(every.azimuth_sd_rad**2)))
+        row = [
+            f"{slope:g}",
+            int(right.sum()),
+            int(few.is_accepted.sum()),
+            int((few.is_accepted & ~right).sum()),
+        ]
+        row += [int(galileo.is_accepted.sum()), f"{stated / scatter:.2f}"]
+        for name in ("ublox", "ublox_ubx"):
+            found = rp.solve(data, name, stochastic=noise, **GPS_L1)
+            row.append(f"{rp.angle_deg(found.azimuth_rad[found.is_accepted])[1]:.2f}")
+        rows.append(row)
+    return [
+        "## 8. How the weight of weak signals was chosen",
+        "",
+        *paragraph(
+            """The default of `cn0_slope`, 0.5, was chosen on these very data, after 0 had the right candidate in
+            296 epochs at 28 degrees where 297 are demanded: the figures above are not an independent test of it.
+            Values from 0.3 to 1 all reach 297; the whole thermal law, 1, scatters least with patch antennas, but
+            leaves Galileo E1 epochs unaccepted. The long pair has no signal strengths and does not depend on it."""
+        ),
+        *table(
+            [
+                "cn0_slope", "28 degrees: best right", "accepted", "wrong", "E1 accepted",
+                "all signals: stated / scatter", "u-blox RINEX scatter, deg", "UBX scatter, deg",
+            ],
+            rows,
+        ),
+    ]  # fmt: skip
+
+
 def new_figure(height=3.4):
     """Figure of the width of a page."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -648,6 +689,7 @@ def main():
         *simulator_section(data),
         *length_section(data),
         *calibration_section(data, judge),
+        *weight_section(data, judge),
         *seconds_section(data),
     ]
     arguments.out.write_text("\n".join(lines).rstrip() + "\n")

@@ -51,8 +51,8 @@ class StochasticSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     cn0_reference_dbhz: float = 45.0
     """Signals above this C/N0 get no further trust; those below are weighted down."""
     cn0_slope: float = 0.5
-    """Share s of the thermal law; 0 ignores C/N0, 1 follows it. Multipath does not follow it: half of it
-    describes the real pairs better than either end."""
+    """Share s of the thermal law; 0 ignores C/N0, 1 follows it. A compromise, chosen on the real pairs:
+    docs/validation/real_data.md tabulates what other values give there."""
     correlation_s: float = 20.0
     """Time over which multipath stays alike: epochs closer together count in part."""
     memory_epochs: float = 10.0
