@@ -530,10 +530,11 @@ def weight_section(data, judge):
         "## 8. How the weight of weak signals was chosen",
         "",
         *paragraph(
-            """The default of `cn0_slope`, 0.5, was chosen on these very data, after 0 had the right candidate in
-            296 epochs at 28 degrees where 297 are demanded: the figures above are not an independent test of it.
-            Values from 0.3 to 1 all reach 297; the whole thermal law, 1, scatters least with patch antennas, but
-            leaves Galileo E1 epochs unaccepted. The long pair has no signal strengths and does not depend on it."""
+            """The default of `cn0_slope`, 0.5, was chosen on these very data, after 0 had the right
+            candidate in 296 epochs at 28 degrees where 297 are demanded: the figures above are not an
+            independent test of it. Values from 0.3 to 1 all reach 297; the whole thermal law, 1,
+            scatters least with patch antennas, but leaves Galileo E1 epochs unaccepted. The long pair
+            has no signal strengths and does not depend on it."""
         ),
         *table(
             [
