@@ -443,6 +443,27 @@ def test_integers_of_a_satellite_out_of_view_do_not_return_after_a_new_fix():
     assert np.isfinite(run.integer_cyc[back[3:]]).all()
 
 
+def test_a_fix_with_few_satellites_does_not_mix_with_what_was_held_before():
+    # At epoch 30 a bridge leaves four satellites, too few to hold on to but enough to fix anew.
+    rows, _, truth, time_s = simulate(n_epochs=60, step_s=5.0)
+    keep = np.ones(len(rows.arc), bool)
+    rank = np.arange(rows.start[31] - rows.start[30])
+    keep[rows.start[30] : rows.start[31]] = np.isin(rank, [2, 5, 8, 11])
+    counts = np.add.reduceat(keep.astype(int), rows.start[:-1])
+    assert counts[30] == 4
+    names = set(rows.__dataclass_fields__) - {"start"}
+    gap = replace(
+        rows,
+        start=np.concatenate(([0], np.cumsum(counts))),
+        **{name: getattr(rows, name)[keep] for name in names},
+    )
+    run = run_filter(gap, time_s)
+    assert run.status[29:32].tolist() == [Status.HELD, Status.FIXED, Status.FIXED]
+    assert np.all(run.status[32:] == Status.HELD)
+    assert len(wrong_rows(gap, run, truth[keep])) == 0
+    assert {int(kind) for kind in run.events[:, 2]} <= {engine.E_FIXED, engine.E_ADDED}
+
+
 def test_backward_is_forward_where_both_hold_the_same_satellites():
     rows, _, truth, time_s = simulate(n_epochs=150)
     reverse, turn = select_epochs(rows, range(149, -1, -1))
