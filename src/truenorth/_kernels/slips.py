@@ -4,7 +4,8 @@
 
 The change of the baseline db and of the receiver clocks is common to all satellites, so a slip
 stands out by whole cycles. For a short baseline db is bounded by the length, which serves as a
-weak observation and keeps the test alive with few satellites.
+weak observation and keeps the test alive with few satellites. Changes are added up over the epochs, so
+that a satellite may be compared across a gap of its own with what the others saw meanwhile.
 """
 
 import numpy as np
@@ -49,10 +50,18 @@ def detect_slips(
     rhs = np.empty(4)
     factor = np.empty((4, 4))
     x = np.empty(4)
+    # Baseline and clock since the first epoch, as far as the differences tell.
+    moved = np.zeros((n_epochs, 4))
+    epoch_of = np.empty(len(y), np.int64)
     for e in range(n_epochs):
         first, last = start[e], start[e + 1]
         m = np.int64(0)
+        for a in range(4):
+            x[a] = 0.0
+            if e > 0:
+                moved[e, a] = moved[e - 1, a]
         for i in range(first, last):
+            epoch_of[i] = e
             slip[i] = 0
             if previous[i] >= 0:
                 m += 1
@@ -67,7 +76,10 @@ def detect_slips(
             p = previous[i]
             if p >= 0:
                 index[m] = i
-                d[m] = y[i] - y[p]
+                # Of a satellite that was away, only the change since the last epoch.
+                d[m] = y[i] - y[p] - (moved[e - 1, 3] - moved[epoch_of[p], 3])
+                for a in range(3):
+                    d[m] -= design[i, a] * (moved[e - 1, a] - moved[epoch_of[p], a])
                 v[m] = variance[i] + variance[p]
                 m += 1
         # Robust start: the clock change is the median.
@@ -114,6 +126,9 @@ def detect_slips(
             alive[worst] = False
             slip[index[worst]] = SLIP_TIME_DIFFERENCE
             n_alive -= 1
+        for a in range(3):
+            moved[e, a] += x[a]
+        moved[e, 3] += clock + x[3]
         # Removed rows get the statistic of the clean adjustment.
         for k in range(m):
             i = index[k]
@@ -122,19 +137,29 @@ def detect_slips(
                 statistic[i] = r
                 if abs(r) <= limit[i]:
                     slip[i] = 0
-        # Two bands of one satellite must move together, whatever the baseline does.
+        # Two bands of one satellite must move together, whatever the baseline does. Four satellites do
+        # not tell which of the two slipped: then both did.
+        n_sats = 0
+        for k in range(m):
+            known = False
+            for q in range(k):
+                known = known or band_key[index[q]] == band_key[index[k]]
+            n_sats += not known
         for k in range(m):
             for q in range(k + 1, m):
                 i, j = index[k], index[q]
-                if band_key[i] == band_key[j] and slip[i] == 0 and slip[j] == 0:
-                    r = d[k] - d[q]
-                    bound = max(limit_sd * np.sqrt(v[k] + v[q]), 0.05)
-                    if abs(r) > bound:
+                if band_key[i] != band_key[j] or (slip[i] != 0 and slip[j] != 0):
+                    continue
+                r = d[k] - d[q]
+                bound = max(limit_sd * np.sqrt(v[k] + v[q]), 0.05)
+                if abs(r) > bound and (n_sats < 5 or (slip[i] == 0 and slip[j] == 0)):
+                    if slip[i] == 0:
                         slip[i] = SLIP_GEOMETRY_FREE
-                        slip[j] = SLIP_GEOMETRY_FREE
                         statistic[i] = r
-                        statistic[j] = -r
                         limit[i] = bound
+                    if slip[j] == 0:
+                        slip[j] = SLIP_GEOMETRY_FREE
+                        statistic[j] = -r
                         limit[j] = bound
         # With too few satellites for the test above, Doppler predicts the change (Harvey 1998, 3.5).
         if n_alive < 5:
@@ -143,7 +168,7 @@ def detect_slips(
             for k in range(m):
                 i = index[k]
                 p = previous[i]
-                value = d[k] - 0.5 * (doppler[i] + doppler[p]) * dt_s[i]
+                value = y[i] - y[p] - 0.5 * (doppler[i] + doppler[p]) * dt_s[i]
                 if value == value:
                     rate[n_rate] = value
                     n_rate += 1
@@ -152,7 +177,7 @@ def detect_slips(
                 for k in range(m):
                     i = index[k]
                     p = previous[i]
-                    r = d[k] - 0.5 * (doppler[i] + doppler[p]) * dt_s[i] - centre
+                    r = y[i] - y[p] - 0.5 * (doppler[i] + doppler[p]) * dt_s[i] - centre
                     # 5 cm/s of Doppler noise at each end of each receiver.
                     bound = max(0.75 * wavelength[i], limit_sd * 0.1 * dt_s[i])
                     if abs(r) > bound and slip[i] == 0:
