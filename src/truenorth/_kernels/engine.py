@@ -492,7 +492,17 @@ def search_epoch(
             b_float[r] += nb_inverse[r, s] * (rhs[s] - shift[s])
     # The objective counts from the float solution without the pseudo-observation.
     j_min = mu * (b_float[0] ** 2 + b_float[1] ** 2 + b_float[2] ** 2)
-    if invert_3(info_code, nb):
+    known = invert_3(info_code, nb)
+    if not known:
+        # One or two code differences: their least, with a millionth of their information added.
+        floor = 1e-6 * (info_code[0, 0] + info_code[1, 1] + info_code[2, 2])
+        regular = np.empty((3, 3))
+        for r in range(3):
+            for s in range(3):
+                regular[r, s] = info_code[r, s]
+            regular[r, r] += floor
+        known = invert_3(regular, nb)
+    if known:
         for r in range(3):
             for s in range(3):
                 j_min += rhs_code[r] * nb[r, s] * rhs_code[s] + b_float[r] * info_code[r, s] * b_float[s]
