@@ -593,16 +593,16 @@ def strike_row(m, k, y, design, lam, variance, group, arc, index):
 
 
 @kernel
-def log_event(events, numbers, n_events, epoch, row, kind, statistic, limit):
-    """Write one event if there is room; returns the new number of events."""
-    if n_events >= len(events):
-        return n_events
-    events[n_events, 0] = epoch
-    events[n_events, 1] = row
-    events[n_events, 2] = kind
-    numbers[n_events, 0] = statistic
-    numbers[n_events, 1] = limit
-    return n_events + 1
+def log_event(events, numbers, counter, epoch, row, kind, statistic, limit):
+    """Write one event if there is room; counter[0] is the number of events."""
+    k = counter[0]
+    if k < len(events):
+        events[k, 0] = epoch
+        events[k, 1] = row
+        events[k, 2] = kind
+        numbers[k, 0] = statistic
+        numbers[k, 1] = limit
+        counter[0] = k + 1
 
 
 @kernel
@@ -620,6 +620,157 @@ def count_held(m, group, arc, held):
         count += max(inside - 1, 0)
         i = j
     return count
+
+
+@kernel
+def renew_slots(m, arc, carry, memory, vector, slot_arc, slot_of_arc, votes, n_slots):
+    """Marginalise the arcs that left and give new ones an empty slot.
+
+    Returns the number of slots that survived and the number of slots now.
+    """
+    if not carry:
+        for s in range(n_slots):
+            slot_of_arc[slot_arc[s]] = -1
+        n_slots = np.int64(0)
+    # Arcs in view are marked by a negative number.
+    for k in range(m):
+        if slot_of_arc[arc[k]] >= 0:
+            slot_arc[slot_of_arc[arc[k]]] = -1 - arc[k]
+    s = np.int64(0)
+    while s < n_slots:
+        if slot_arc[s] >= 0:
+            slot_of_arc[slot_arc[s]] = -1
+            n_slots = forget(memory, vector, slot_arc, n_slots, s)
+        else:
+            slot_arc[s] = -1 - slot_arc[s]
+            slot_of_arc[slot_arc[s]] = s
+            s += 1
+    survivors = n_slots
+    for k in range(m):
+        if slot_of_arc[arc[k]] < 0:
+            slot_of_arc[arc[k]] = n_slots
+            slot_arc[n_slots] = arc[k]
+            votes[arc[k]] = 0
+            n_slots += 1
+    return survivors, n_slots
+
+
+@kernel
+def check_held(
+    epoch, m, y, design, lam, variance, group, arc, index, held, votes, strikes, info_code, rhs_code,
+    length, length_variance, use_length, check_length, length_tolerance_sd, chi2_limits,
+    y_held, variance_held, w, hc, yc, total, res, info, rhs, cov, b_free, b_con, row,
+    events, numbers, counter,
+):  # fmt: skip
+    """Adjust an epoch with its held integers; they stand as long as residuals and length agree.
+
+    Rows without a held integer count nothing, but get their residual against the group's clock. A bad
+    phase is out for this epoch, and loses its integer when it stays bad.
+
+    Returns
+    -------
+    int
+        Double differences of held integers that stand; 0 where too few are held; -1 where they failed.
+    """
+    for k in range(m):
+        known = held[arc[k]] == held[arc[k]]
+        variance_held[k] = variance[k] if known else _ABSENT
+        y_held[k] = y[k] - lam[k] * held[arc[k]] if known else y[k]
+    n_held = count_held(m, group, arc, held)
+    outcome = np.int64(0)
+    attempt = 0
+    while n_held >= 4:
+        for r in range(3):
+            rhs[r] = rhs_code[r]
+            for c in range(3):
+                info[r, c] = info_code[r, c]
+        centre(np.int64(0), m, y_held, design, variance_held, group, w, hc, yc, total)
+        accumulate(m, w, hc, yc, info, rhs)
+        if not invert_3(info, cov):
+            break
+        for r in range(3):
+            b_free[r] = cov[r, 0] * rhs[0] + cov[r, 1] * rhs[1] + cov[r, 2] * rhs[2]
+            b_con[r] = b_free[r]
+        chi2 = residual_sum(m, w, hc, yc, b_free, res)
+        limit = chi2_limits[min(n_held - 3, len(chi2_limits) - 1)]
+        if chi2 <= limit:
+            if use_length:
+                pull_to_length(b_free, info, length, length_variance, b_con)
+                chi2 = residual_sum(m, w, hc, yc, b_con, res)
+            write_result(
+                b_free,
+                b_con,
+                info,
+                cov,
+                chi2,
+                n_held - 3,
+                length,
+                length_variance,
+                use_length,
+                chi2_limits,
+                row,
+            )
+            outcome = n_held
+            statistic = row[LENGTH_STATISTIC]
+            if check_length and statistic > length_tolerance_sd:
+                outcome = np.int64(-1)
+                log_event(
+                    events, numbers, counter, epoch, outcome, np.int64(E_RELEASED_LENGTH), statistic,
+                    length_tolerance_sd,
+                )  # fmt: skip
+            break
+        worst, size = worst_row(m, w, hc, total, res, cov)
+        attempt += 1
+        if worst < 0 or n_held <= 4 or attempt > 1 + n_held // 4:
+            outcome = np.int64(-1)
+            log_event(events, numbers, counter, epoch, outcome, np.int64(E_RELEASED_RESIDUAL), chi2, limit)
+            break
+        variance_held[worst] = _ABSENT
+        n_held -= 1
+        a = arc[worst]
+        strikes[a] += 2
+        if strikes[a] >= 2 * STRIKES_TO_DROP:
+            held[a] = np.nan
+            votes[a] = 0
+            log_event(
+                events,
+                numbers,
+                counter,
+                epoch,
+                index[worst],
+                np.int64(E_DROPPED),
+                size,
+                1.0 * STRIKES_TO_DROP,
+            )
+    for k in range(m):
+        strikes[arc[k]] = max(strikes[arc[k]] - 1, 0)
+    return outcome
+
+
+@kernel
+def hold_more(
+    epoch, m, lam, variance, group, arc, index, total, res, held, candidate, votes, events, numbers, counter
+):
+    """Hold the integers of further rows that stay near the same integer, beside those that are held."""
+    for k in range(m):
+        a = arc[k]
+        if held[a] == held[a]:
+            continue
+        if total[k] * _ABSENT < 1e3:
+            # No held satellite in this group yet: its first one becomes the datum.
+            if k == 0 or group[k] != group[k - 1]:
+                held[a] = 0.0
+            continue
+        nearest = np.floor(res[k] / lam[k] + 0.5)
+        off = abs(res[k] - nearest * lam[k])
+        if off > 0.25 * lam[k] or off > 4.0 * np.sqrt(variance[k]):
+            votes[a] = 0
+            continue
+        votes[a] = votes[a] + 1 if candidate[a] == nearest and votes[a] > 0 else 1
+        candidate[a] = nearest
+        if votes[a] >= VOTES_TO_HOLD:
+            held[a] = nearest
+            log_event(events, numbers, counter, epoch, index[k], np.int64(E_ADDED), off, 0.25 * lam[k])
 
 
 @kernel
@@ -707,7 +858,7 @@ def run_engine(
     zero = np.int64(0)
     nowhere = np.int64(-1)
     n_slots = zero
-    n_events = zero
+    counter = np.zeros(1, np.int64)
 
     info_code = np.empty((3, 3))
     info = np.empty((3, 3))
@@ -743,34 +894,12 @@ def run_engine(
             for r in range(3):
                 design[k, r] = design_all[i, r]
 
-        # Arcs that left are marginalised, new ones get an empty slot.
-        if not carry:
-            for s in range(n_slots):
-                slot_of_arc[slot_arc[s]] = -1
-            n_slots = zero
-        for k in range(m):
-            if slot_of_arc[arc[k]] >= 0:
-                slot_arc[slot_of_arc[arc[k]]] = -1 - arc[k]
-        s = zero
-        while s < n_slots:
-            if slot_arc[s] >= 0:
-                slot_of_arc[slot_arc[s]] = -1
-                n_slots = forget(memory, vector, slot_arc, n_slots, s)
-            else:
-                slot_arc[s] = -1 - slot_arc[s]
-                slot_of_arc[slot_arc[s]] = s
-                s += 1
+        survivors, n_slots = renew_slots(m, arc, carry, memory, vector, slot_arc, slot_of_arc, votes, n_slots)
         share = 1.0
-        if n_slots == 0:
+        if survivors == 0:
             weight = 0.0
         elif e > 0:
             share = min(1.0, abs(time_s[e] - time_s[e - 1]) / correlation_s)
-        for k in range(m):
-            if slot_of_arc[arc[k]] < 0:
-                slot_of_arc[arc[k]] = n_slots
-                slot_arc[n_slots] = arc[k]
-                votes[arc[k]] = 0
-                n_slots += 1
 
         # Code and a-priori direction of this epoch give the float baseline.
         for r in range(3):
@@ -790,74 +919,16 @@ def run_engine(
             write_symmetric(cov, row, np.int64(FLOAT_COV))
             status[e] = S_FLOAT
 
-        # Held integers first: they stand as long as residuals and length agree.
-        done = False
-        released = False
+        n_held = zero
         if hold:
-            for k in range(m):
-                known = held[arc[k]] == held[arc[k]]
-                variance_held[k] = variance[k] if known else _ABSENT
-                y_held[k] = y[k] - lam[k] * held[arc[k]] if known else y[k]
-            n_held = count_held(m, group, arc, held)
-            attempt = 0
-            while n_held >= 4:
-                for r in range(3):
-                    rhs[r] = rhs_code[r]
-                    for c in range(3):
-                        info[r, c] = info_code[r, c]
-                centre(zero, m, y_held, design, variance_held, group, w, hc, yc, total)
-                accumulate(m, w, hc, yc, info, rhs)
-                if not invert_3(info, cov):
-                    break
-                for r in range(3):
-                    b_free[r] = cov[r, 0] * rhs[0] + cov[r, 1] * rhs[1] + cov[r, 2] * rhs[2]
-                    b_con[r] = b_free[r]
-                chi2 = residual_sum(m, w, hc, yc, b_free, res)
-                limit = chi2_limits[min(n_held - 3, len(chi2_limits) - 1)]
-                if chi2 <= limit:
-                    if use_length:
-                        pull_to_length(b_free, info, length, length_variance, b_con)
-                        chi2 = residual_sum(m, w, hc, yc, b_con, res)
-                    write_result(
-                        b_free, b_con, info, cov, chi2, n_held - 3, length, length_variance, use_length,
-                        chi2_limits, row,
-                    )  # fmt: skip
-                    released = check_length and row[LENGTH_STATISTIC] > length_tolerance_sd
-                    if released:
-                        n_events = log_event(
-                            events, numbers, n_events, e, nowhere, np.int64(E_RELEASED_LENGTH),
-                            row[LENGTH_STATISTIC], length_tolerance_sd,
-                        )  # fmt: skip
-                    done = not released
-                    break
-                worst, size = worst_row(m, w, hc, total, res, cov)
-                attempt += 1
-                if worst < 0 or n_held <= 4 or attempt > 1 + n_held // 4:
-                    released = True
-                    n_events = log_event(
-                        events, numbers, n_events, e, nowhere, np.int64(E_RELEASED_RESIDUAL), chi2, limit
-                    )
-                    break
-                # One bad phase: out for this epoch; a slip when it stays bad.
-                variance_held[worst] = _ABSENT
-                n_held -= 1
-                a = arc[worst]
-                strikes[a] += 2
-                if strikes[a] >= 2 * STRIKES_TO_DROP:
-                    held[a] = np.nan
-                    votes[a] = 0
-                    n_events = log_event(
-                        events,
-                        numbers,
-                        n_events,
-                        e,
-                        index[worst],
-                        np.int64(E_DROPPED),
-                        size,
-                        1.0 * STRIKES_TO_DROP,
-                    )
-            for k in range(m):
-                strikes[arc[k]] = max(strikes[arc[k]] - 1, 0)
+            n_held = check_held(
+                e, m, y, design, lam, variance, group, arc, index, held, votes, strikes, info_code, rhs_code,
+                length, length_variance, use_length, check_length, length_tolerance_sd, chi2_limits,
+                y_held, variance_held, w, hc, yc, total, res, info, rhs, cov, b_free, b_con, row,
+                events, numbers, counter,
+            )  # fmt: skip
+        done = n_held > 0
+        released = n_held < 0
         if released:
             # Nothing learnt so far can be trusted, nor what is held of satellites out of view.
             for a in range(n_arcs):
@@ -872,30 +943,13 @@ def run_engine(
             row[PROBABILITY] = 1.0
             row[N_PHASES] = n_held
             for k in range(m):
-                a = arc[k]
-                if held[a] == held[a]:
-                    if variance_held[k] < _ABSENT:
-                        residual[index[k]] = res[k]
-                        integer[index[k]] = held[a]
-                    continue
-                if total[k] * _ABSENT < 1e3:
-                    # No held satellite in this group yet: its first one becomes the datum.
-                    if k == 0 or group[k] != group[k - 1]:
-                        held[a] = 0.0
-                    continue
-                # Near the same integer several times in a row: hold it too.
-                nearest = np.floor(res[k] / lam[k] + 0.5)
-                off = abs(res[k] - nearest * lam[k])
-                if off > 0.25 * lam[k] or off > 4.0 * np.sqrt(variance[k]):
-                    votes[a] = 0
-                    continue
-                votes[a] = votes[a] + 1 if candidate[a] == nearest and votes[a] > 0 else 1
-                candidate[a] = nearest
-                if votes[a] >= VOTES_TO_HOLD:
-                    held[a] = nearest
-                    n_events = log_event(
-                        events, numbers, n_events, e, index[k], np.int64(E_ADDED), off, 0.25 * lam[k]
-                    )
+                if held[arc[k]] == held[arc[k]] and variance_held[k] < _ABSENT:
+                    residual[index[k]] = res[k]
+                    integer[index[k]] = held[arc[k]]
+            hold_more(
+                e, m, lam, variance, group, arc, index, total, res, held, candidate, votes,
+                events, numbers, counter,
+            )  # fmt: skip
 
         # The search, where nothing is held; outlying phases are struck one by one.
         n = 0
@@ -966,9 +1020,7 @@ def run_engine(
             worst, size = worst_row(m, w, hc, total, res, cov)
             if worst < 0:
                 break
-            n_events = log_event(
-                events, numbers, n_events, e, index[worst], np.int64(E_EXCLUDED), size, np.nan
-            )
+            log_event(events, numbers, counter, e, index[worst], np.int64(E_EXCLUDED), size, np.nan)
             residual[index[worst]] = np.nan
             integer[index[worst]] = np.nan
             # The search goes on with what the memory says when nothing is known of the struck arc.
@@ -1006,10 +1058,10 @@ def run_engine(
                     for k in range(m):
                         held[arc[k]] = spread[k]
                         strikes[arc[k]] = 0
-                    n_events = log_event(
+                    log_event(
                         events,
                         numbers,
-                        n_events,
+                        counter,
                         e,
                         nowhere,
                         np.int64(E_FIXED),
@@ -1040,4 +1092,4 @@ def run_engine(
             for r in range(3):
                 b[r] = row[BX + r]
         write_dops(m, design, variance, group, b, hc, yc, w, total, row)
-    return n_events
+    return counter[0]

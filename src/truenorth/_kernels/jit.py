@@ -26,7 +26,7 @@ def _skip_the_search_for_blas():
 
 _skip_the_search_for_blas()
 
-kernel = numba.njit(cache=True, fastmath=False, error_model="numpy", nogil=True)
+kernel = numba.njit(cache=True, fastmath=False, error_model="numpy", nogil=True, no_cfunc_wrapper=True)
 """Compile a function with Numba: cached on disk, NaN-safe, no exceptions from division."""
 
 IS_COMPILED = not numba.config.DISABLE_JIT

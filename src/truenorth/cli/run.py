@@ -82,7 +82,9 @@ def run_session(
         warnings.simplefilter("always", TrueNorthWarning)
         with working("solving") as progress:
             from ..attitude import solve_session
+            from .first_run import compile_kernels
 
+            compiling = compile_kernels(session)
             solution = solve_session(session, progress=progress)
     said = [str(warning.message) for warning in caught if issubclass(warning.category, TrueNorthWarning)]
 
@@ -98,6 +100,7 @@ def run_session(
 
     summary = summarize_solution(solution)
     summary["seconds"]["write"] = time.perf_counter() - started
+    summary["seconds"]["compile"] += compiling
     summary["warnings"] += [text for text in dict.fromkeys(said) if text not in summary["warnings"]]
     summary["files"] = [str(path) for path in written]
     summary["settings_file"] = str(written[1]) if out is not None else None

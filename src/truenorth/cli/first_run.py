@@ -1,0 +1,64 @@
+"""The first run on a machine: kernels are compiled in two processes at once, then cached on disk."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ..config import Session
+
+__all__ = ["compile_kernels"]
+
+PATIENCE_S = 300.0
+"""The other process may take so long; after that this one compiles what is missing itself."""
+
+_ENGINE = "from truenorth.ambiguity.rehearsal import rehearse_engine; rehearse_engine()"
+
+
+def compile_kernels(session: Session) -> float:
+    """Compile what a run of the session needs, if nothing is compiled yet.
+
+    The engine, which takes more than half of the time, is compiled by a second process on made-up
+    satellites, while this one compiles readers and positions on two epochs of the session's own files.
+
+    Parameters
+    ----------
+    session : Session
+        What is about to be solved.
+
+    Returns
+    -------
+    float
+        Wall time spent, seconds; 0 where everything had been compiled before.
+    """
+    from .progress import kernels_are_compiled
+
+    if kernels_are_compiled():
+        return 0.0
+    started = time.perf_counter()
+    quiet = subprocess.DEVNULL
+    engine = subprocess.Popen([sys.executable, "-c", _ENGINE], stdin=quiet, stdout=quiet, stderr=quiet)
+    try:
+        _compile_positions(session)
+        engine.wait(PATIENCE_S)
+    except Exception:
+        # Whatever is wrong with the files, or with the other process, the run itself says it better.
+        pass
+    finally:
+        if engine.poll() is None:
+            engine.kill()
+            engine.wait()
+    return time.perf_counter() - started
+
+
+def _compile_positions(session: Session) -> None:
+    """Read the base's file and position two of its epochs."""
+    from ..formats import read_navigation, read_observations
+    from ..positioning import solve_single_point
+
+    base, rover = session.observation_paths
+    navigation = read_navigation(*(session.gnss.navigation or (base, rover)))
+    solve_single_point(read_observations(base).select_epochs(slice(0, 2)), navigation)
