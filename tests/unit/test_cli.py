@@ -94,7 +94,8 @@ def test_every_option_of_the_contract_reaches_the_solver(solver, files, tmp_path
 
 def test_the_other_options_reach_the_solver(solver, files):
     result = run(
-        "solve", *files, "--length", "0.99", "--length-use", "check", "--cn0-mask", "30", "--ratio-test", "fixed",
+        "solve", *files, "--length", "0.99", "--length-use", "check", "--cn0-mask", "30",
+        "--ratio-test", "fixed",
         "--ratio-threshold", "2.5", "--success-probability", "0.999", "--set", "stochastic.phase_sd_m=0.002",
         "--set", "direction_azimuth_deg = 90.0", "--set", "glonass_ambiguities=calibrated",
         "--method", "filter", "--direction", "combined",

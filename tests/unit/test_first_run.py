@@ -4,6 +4,7 @@ import subprocess
 import sys
 
 import pytest
+
 from truenorth.ambiguity.rehearsal import rehearse_engine
 from truenorth.cli import first_run
 from truenorth.errors import Status
