@@ -1,7 +1,9 @@
 """The one decorator that compiles a kernel, with all its flags."""
 
+import hashlib
 import importlib
 import time
+from pathlib import Path
 
 import numba
 import numba.core.event
@@ -26,8 +28,25 @@ def _skip_the_search_for_blas():
 
 _skip_the_search_for_blas()
 
-kernel = numba.njit(cache=True, fastmath=False, error_model="numpy", nogil=True, no_cfunc_wrapper=True)
-"""Compile a function with Numba: cached on disk, NaN-safe, no exceptions from division."""
+_FINGERPRINT = hashlib.sha256(
+    b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
+).hexdigest()
+
+
+def kernel(function):
+    """Compile a function with Numba: cached on disk, NaN-safe, no exceptions from division.
+
+    Numba takes a cached function for valid as long as its own file is unchanged, but the kernels it calls
+    are compiled into it. The cache is therefore valid only for the content of all kernel files together.
+    """
+    compiled = numba.njit(cache=True, fastmath=False, error_model="numpy", nogil=True, no_cfunc_wrapper=True)(
+        function
+    )
+    index = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
+    if hasattr(index, "_source_stamp"):
+        index._source_stamp = _FINGERPRINT
+    return compiled
+
 
 IS_COMPILED = not numba.config.DISABLE_JIT
 """Whether kernels are compiled in this process, or run as plain Python (``NUMBA_DISABLE_JIT=1``)."""

@@ -340,6 +340,37 @@ def _combine(forward, backward):
     )  # fmt: skip
 
 
+def resolve_sample(differences, settings):
+    """Resolve a sample of epochs, each by itself, with the noise that they show.
+
+    Parameters
+    ----------
+    differences : SingleDifferences
+        All epochs.
+    settings : GnssSettings
+        Of an engine method.
+
+    Returns
+    -------
+    resolved : ResolvedEpochs
+        Only the rows of the sample are filled.
+    sample : ndarray of int
+        Epoch indices.
+    """
+    d = differences
+    sample = _sample_epochs(d)
+    factors = _estimate_variance_factors(d, settings) if settings.stochastic.estimate else (1.0, 1.0)
+    return _run_engine(d, _no_arcs(d), settings, factors, epochs=sample), sample
+
+
+def _sample_epochs(differences):
+    """Indices of epochs spread over the run, enough for `SAMPLE_DOF`."""
+    d = differences
+    dof_of_epoch = max(len(d.sat) / max(d.n_epochs, 1) - 4.0, 1.0)
+    size = min(d.n_epochs, int(np.clip(SAMPLE_DOF / dof_of_epoch, *SAMPLE_EPOCHS)))
+    return np.unique(np.linspace(0, d.n_epochs - 1, size).astype(int))
+
+
 def _estimate_variance_factors(differences, settings):
     """Robust variance factors of phases and codes from the winners of a sample of epochs.
 
@@ -349,9 +380,7 @@ def _estimate_variance_factors(differences, settings):
     from .._kernels import engine as kernel
 
     d = differences
-    dof_of_epoch = max(len(d.sat) / max(d.n_epochs, 1) - 4.0, 1.0)
-    size = min(d.n_epochs, int(np.clip(SAMPLE_DOF / dof_of_epoch, *SAMPLE_EPOCHS)))
-    sample = np.unique(np.linspace(0, d.n_epochs - 1, size).astype(int))
+    sample = _sample_epochs(d)
     resolved = _run_engine(d, _no_arcs(d), settings, (1.0, 1.0), epochs=sample)
     chi2 = resolved.table[sample, kernel.CHI2]
     dof = resolved.table[sample, kernel.CHI2_DOF]

@@ -14,7 +14,7 @@ import numpy as np
 from ..ambiguity.differencing import build_single_differences
 from ..ambiguity.resolution import group_references, resolve_epochs
 from ..config import GnssSettings, convert_settings
-from ..errors import NoSolutionError, Status
+from ..errors import NoSolutionError, Reason, Status
 from ..frames import azimuth_elevation_from_enu
 from .provenance import add_provenance
 from .solution import BaselineSolution, EpochEvent
@@ -85,6 +85,9 @@ def solve_baseline(base, rover, navigation=(), *, length_m=None, settings=None, 
         _assemble(differences, resolved, settings),
         differences, base, rover, navigation, settings, variance_factors=resolved.variance_factors,
     )  # fmt: skip
+    check = solution.length_check
+    if check["without_declared"] and check["verdict"] == "disagrees":
+        solution = _distrust(solution, differences, resolved, settings)
     stages.end("solve")
     return replace(solution, seconds=stages.seconds, warnings=(*said, *solution.warnings))
 
@@ -126,6 +129,21 @@ def _estimate_length(differences, base, rover, settings):
     sd = max(1.4826 * float(np.median(np.abs(length - middle))), 0.001)
     settings = msgspec.structs.replace(settings, length_m=middle, length_sd_m=sd)
     return settings, (f"length estimated from {len(length)} epochs: {middle:.4f} m, sd {sd:.4f} m",)
+
+
+def _distrust(solution, differences, resolved, settings):
+    """Take back the epochs that were accepted with a length which the observations refute."""
+    from .._kernels import engine
+
+    accepted = resolved.status >= Status.HELD
+    has_float = np.isfinite(resolved.table[:, engine.FLOAT_X])
+    status = np.where(accepted, np.where(has_float, Status.FLOAT, Status.NONE), resolved.status)
+    reason = np.where(accepted, Reason.LENGTH_TEST, resolved.reason)
+    refuted = replace(resolved, status=status.astype(np.uint8), reason=reason.astype(np.uint8))
+    kept = ("settings", "inputs", "warnings", "length_check")
+    return replace(
+        _assemble(differences, refuted, settings), **{name: getattr(solution, name) for name in kept}
+    )
 
 
 def _read_inputs(base, rover, navigation):

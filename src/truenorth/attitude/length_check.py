@@ -10,7 +10,10 @@ import numpy as np
 
 from ..errors import Status
 
-__all__ = ["compare_length", "length_warning", "measure_free_length"]
+__all__ = ["compare_length", "length_warning", "measure_free_length", "sample_free_length"]
+
+MIN_SAMPLE_ACCEPTED = 10
+"""Epochs of a sample that must be fixed without the length before they can speak against it."""
 
 FEW_ACCEPTED = 0.5
 """With a smaller share of accepted epochs a declared length comes under suspicion."""
@@ -77,6 +80,42 @@ def measure_free_length(differences, base, rover, settings):
     )
     resolved = resolve_epochs(differences, base, rover, free)
     accepted = (resolved.status == Status.FIXED) | (resolved.status == Status.HELD)
+    return _compare(
+        settings.length_m,
+        settings.length_sd_m,
+        settings.length_tolerance_sd,
+        resolved.table[accepted, kernel.LENGTH],
+        resolved.table[accepted, kernel.LENGTH_SD],
+        without_declared=True,
+    )
+
+
+def sample_free_length(differences, settings):
+    """Compare as `compare_length`, with a sample of epochs that are resolved without the length.
+
+    A wrong length can win the search for hundreds of epochs, with residuals that the estimated noise
+    then covers; epochs that need no length to be fixed tell.
+
+    Parameters
+    ----------
+    differences : SingleDifferences
+        All epochs.
+    settings : GnssSettings
+        Of the run.
+
+    Returns
+    -------
+    dict or None
+        None where too few epochs can be fixed without the length.
+    """
+    from .._kernels import engine as kernel
+    from ..ambiguity.resolution import resolve_sample
+
+    free = msgspec.structs.replace(settings, method="lambda", length_use="off", ratio_test="none")
+    resolved, sample = resolve_sample(differences, free)
+    accepted = sample[resolved.status[sample] >= Status.HELD]
+    if len(accepted) < MIN_SAMPLE_ACCEPTED:
+        return None
     return _compare(
         settings.length_m,
         settings.length_sd_m,

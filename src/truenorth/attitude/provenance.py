@@ -7,7 +7,13 @@ import numpy as np
 
 from ..constants import SYSTEMS
 from ..timescales import format_gpst
-from .length_check import FEW_ACCEPTED, compare_length, length_warning, measure_free_length
+from .length_check import (
+    FEW_ACCEPTED,
+    compare_length,
+    length_warning,
+    measure_free_length,
+    sample_free_length,
+)
 
 __all__ = ["add_provenance", "describe_observations"]
 
@@ -89,6 +95,10 @@ def describe_observations(observations):
 def _check_length(solution, differences, base, rover, settings):
     """The declared length against the measured one, from a run without it where it may be the culprit."""
     decides = settings.length_m is not None and settings.length_use in ("constrain", "check")
+    if decides and solution.n_epochs:
+        sampled = sample_free_length(differences, settings)
+        if sampled is not None and sampled["verdict"] == "disagrees":
+            return sampled
     if decides and solution.n_epochs and np.mean(solution.is_accepted) < FEW_ACCEPTED:
         free = measure_free_length(differences, base, rover, settings)
         if free["measured_m"] is not None:
