@@ -114,8 +114,9 @@ class GnssSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """False-alarm rate of the chi-square test of the winner's residuals."""
     length_tolerance_sd: float = 4.0
     """Measured and declared length may differ by this many joint standard deviations."""
-    single_candidate: Literal["refuse", "accept"] = "refuse"
-    """``lsast``: what a lone survivor is worth; its ratio test is void (Harvey 1998 accepts it)."""
+    single_candidate: Literal["auto", "refuse", "accept"] = "auto"
+    """``lsast``: what a lone survivor is worth, whose ratio test is void. ``auto`` refuses it in a single
+    epoch and accepts it where the others fell over several epochs (Harvey 1998, sec. 4.2)."""
     min_epochs_to_fix: int = 1
     """Epochs that the same candidate must win before it is accepted (multi-epoch methods)."""
     direction_azimuth_deg: float | None = None

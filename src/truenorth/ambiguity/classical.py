@@ -77,13 +77,16 @@ def _stepper(settings):
     if settings.method == "lsast":
         from .lsast import LeastSquaresSearch, LsastOptions
 
+        lone = settings.single_candidate
+        if lone == "auto":
+            lone = "refuse" if settings.single_epoch else "accept"
         search = LeastSquaresSearch(
             LsastOptions(
                 length_tolerance_sd=settings.length_tolerance_sd,
                 use_code=settings.use_code,
                 residual_significance=settings.residual_significance,
                 ratio_threshold=settings.ratio_threshold,
-                single_candidate=settings.single_candidate,
+                single_candidate=lone,
                 min_epochs=settings.min_epochs_to_fix,
             )
         )
