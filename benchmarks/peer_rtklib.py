@@ -87,6 +87,7 @@ def main():
                 "truenorth": [
                     str(ours), "solve", base, rover, *navigation, *our_options,
                     "--mask", MASK_DEG, "--length", str(pair.truth["length_m"]),
+                    "--length-sd", str(max(pair.truth["accuracy_m"], 0.003)),
                     "--out", str(folder / "ours.csv"), "--json",
                 ],
             }  # fmt: skip

@@ -37,6 +37,7 @@ def solve_example(
         Exit code.
     """
     from .. import datasets
+    from ..config import GnssSettings
     from ..errors import ConfigError
     from .request import make_session
     from .run import run_session
@@ -44,9 +45,13 @@ def solve_example(
     dataset = datasets.fetch(name)
     if not {"base", "rover"} <= set(dataset.files):
         raise ConfigError(f"`{name}` is not a pair of antennas; choose another set of `truenorth datasets`")
-    files = [dataset.files["base"], dataset.files["rover"], *dataset.navigation]
+    pair = [dataset.files["base"], dataset.files["rover"]]
+    files = [*pair, *(path for path in dataset.navigation if path not in pair)]
+    accuracy_m = dataset.truth.get("accuracy_m", 0.0)
     overrides = {
         "length_m": dataset.truth.get("length_m"),
+        # The published length is known no better than the published coordinates.
+        "length_sd_m": accuracy_m if accuracy_m > GnssSettings().length_sd_m else None,
         "method": method,
         "single_epoch": single_epoch or None,
     }
