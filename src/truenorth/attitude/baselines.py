@@ -21,6 +21,9 @@ from .solution import BaselineSolution, EpochEvent
 
 __all__ = ["solve_baseline"]
 
+MISLEADING_LENGTH_M = 0.05
+"""A quarter of the shortest carrier wave: a smaller error of the length leaves the integers alone."""
+
 MIN_EPOCHS_FOR_LENGTH = 10
 """Accepted epochs that an estimate of the length needs."""
 
@@ -86,7 +89,7 @@ def solve_baseline(base, rover, navigation=(), *, length_m=None, settings=None, 
         differences, base, rover, navigation, settings, variance_factors=resolved.variance_factors,
     )  # fmt: skip
     check = solution.length_check
-    if check["without_declared"] and check["verdict"] == "disagrees":
+    if check["without_declared"] and check["verdict"] == "disagrees" and _misleads(check["difference_m"]):
         solution = _distrust(solution, differences, resolved, settings)
     stages.end("solve")
     return replace(solution, seconds=stages.seconds, warnings=(*said, *solution.warnings))
@@ -129,6 +132,11 @@ def _estimate_length(differences, base, rover, settings):
     sd = max(1.4826 * float(np.median(np.abs(length - middle))), 0.001)
     settings = msgspec.structs.replace(settings, length_m=middle, length_sd_m=sd)
     return settings, (f"length estimated from {len(length)} epochs: {middle:.4f} m, sd {sd:.4f} m",)
+
+
+def _misleads(difference_m):
+    """Whether a length that is wrong by so much can choose wrong integers, not only bend right ones."""
+    return abs(difference_m) > MISLEADING_LENGTH_M
 
 
 def _distrust(solution, differences, resolved, settings):
