@@ -1,13 +1,13 @@
 """The one decorator that compiles a kernel, with all its flags."""
 
-import hashlib
 import importlib
 import time
-from pathlib import Path
 
 import numba
 import numba.core.event
 import numba.np.linalg
+
+from . import fingerprint
 
 
 def _skip_the_search_for_blas():
@@ -28,10 +28,6 @@ def _skip_the_search_for_blas():
 
 _skip_the_search_for_blas()
 
-_FINGERPRINT = hashlib.sha256(
-    b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
-).hexdigest()
-
 
 def kernel(function):
     """Compile a function with Numba: cached on disk, NaN-safe, no exceptions from division.
@@ -44,7 +40,7 @@ def kernel(function):
     )
     index = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     if hasattr(index, "_source_stamp"):
-        index._source_stamp = _FINGERPRINT
+        index._source_stamp = fingerprint()
     return compiled
 
 

@@ -34,7 +34,7 @@ def compile_kernels(session: Session) -> float:
     float
         Wall time spent, seconds; 0 where everything had been compiled before.
     """
-    from .progress import kernels_are_compiled
+    from .progress import kernels_are_compiled, mark_kernels_compiled
 
     if kernels_are_compiled():
         return 0.0
@@ -43,7 +43,8 @@ def compile_kernels(session: Session) -> float:
     engine = subprocess.Popen([sys.executable, "-c", _ENGINE], stdin=quiet, stdout=quiet, stderr=quiet)
     try:
         _compile_positions(session)
-        engine.wait(PATIENCE_S)
+        if engine.wait(PATIENCE_S) == 0:
+            mark_kernels_compiled()
     except Exception:
         # Whatever is wrong with the files, or with the other process, the run itself says it better.
         pass

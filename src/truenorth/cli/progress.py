@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["kernels_are_compiled", "working"]
+__all__ = ["kernels_are_compiled", "mark_kernels_compiled", "working"]
 
 
 @contextmanager
@@ -40,10 +40,26 @@ def working(text: str) -> Iterator[Callable[[int, int], None] | None]:
 
 
 def kernels_are_compiled() -> bool:
-    """Whether Numba has compiled our kernels before, judged by the age of its cache files."""
-    sources = Path(__file__).parent.parent / "_kernels"
+    """Whether a run has compiled the present kernels before, by the mark that it left."""
+    return any(mark.is_file() for mark in _marks())
+
+
+def mark_kernels_compiled() -> None:
+    """Leave the mark of a first run beside Numba's cache, where that can be written."""
+    for mark in _marks():
+        try:
+            mark.parent.mkdir(parents=True, exist_ok=True)
+            mark.touch()
+        except OSError:
+            continue
+        return
+
+
+def _marks() -> list[Path]:
+    """Where the mark may be: Numba's folders, in its own order."""
+    from .._kernels import fingerprint
+
     named = os.environ.get("NUMBA_CACHE_DIR")
-    caches = [Path(named)] if named else [sources / "__pycache__", Path.home() / ".cache" / "numba"]
-    compiled = [path.stat().st_mtime for cache in caches for path in cache.rglob("*.nbi")]
-    newest = max(path.stat().st_mtime for path in sources.glob("*.py"))
-    return bool(compiled) and max(compiled) >= newest
+    kernels = Path(__file__).parent.parent / "_kernels"
+    folders = [Path(named)] if named else [kernels / "__pycache__", Path.home() / ".cache" / "numba"]
+    return [folder / f"truenorth-{fingerprint()[:16]}.compiled" for folder in folders]
