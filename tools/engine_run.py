@@ -107,6 +107,6 @@ def run_engine(
         float(length_tolerance_sd), 10.0, float(cap_factor), float(margin), int(max_nodes),
         chi2_limits(significance, 200), float(probability), int(ratio_mode), np.full(200, float(ratio_limit)),
         int(max_exclusions), bool(carry), bool(hold), float(correlation_s), float(memory_epochs),
-        int(min_epochs_to_fix), residual, integer, table, status, reason, events, numbers,
+        int(min_epochs_to_fix), np.nan, residual, integer, table, status, reason, events, numbers,
     )  # fmt: skip
     return Run(table, status, reason, residual, integer, events[:n_events], numbers[:n_events])

@@ -119,6 +119,9 @@ class GnssSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     epoch and accepts it where the others fell over several epochs (Harvey 1998, sec. 4.2)."""
     min_epochs_to_fix: int = 1
     """Epochs that the same candidate must win before it is accepted (multi-epoch methods)."""
+    rotation_rate_sd_dps: float | None = None
+    """Rate dynamics of the methods that carry ambiguities: the direction wanders by so many degrees in
+    a second, one sigma, from the last accepted one. Left out, every epoch's baseline is free."""
     direction_azimuth_deg: float | None = None
     """A-priori azimuth of the baseline, with `direction_sd_deg`."""
     direction_elevation_deg: float = 0.0
@@ -164,6 +167,8 @@ class GnssSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             refuse("max_time_difference_s", self.max_time_difference_s, "0 to 1 second")
         if not min(self.direction_sd_deg) > 0.0:
             refuse("direction_sd_deg", self.direction_sd_deg, "two positive angles")
+        if self.rotation_rate_sd_dps is not None and not self.rotation_rate_sd_dps > 0.0:
+            refuse("rotation_rate_sd_dps", self.rotation_rate_sd_dps, "a positive rate, or leave it out")
         if self.direction_azimuth_deg is not None and self.length_m is None:
             refuse("direction_azimuth_deg", self.direction_azimuth_deg, "`length_m` with it")
 

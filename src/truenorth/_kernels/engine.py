@@ -779,7 +779,7 @@ def run_engine(
     code_start, code_y, code_design, code_variance, code_group, prior_information, prior_rhs,
     length, length_variance, use_length, check_length, length_tolerance_sd, kappa,
     cap_factor, margin, max_nodes, chi2_limits, min_probability, ratio_mode, ratio_limits, max_exclusions,
-    carry, hold, correlation_s, memory_epochs, min_epochs_to_fix,
+    carry, hold, correlation_s, memory_epochs, min_epochs_to_fix, change_sd_mps,
     residual, integer, out, status, reason, events, numbers,
 ):  # fmt: skip
     """Resolve all epochs in the order given.
@@ -806,6 +806,10 @@ def run_engine(
         difference (mode 2) of the two best objectives.
     carry, hold : bool
         Carry ambiguities over epochs; hold accepted ones.
+    correlation_s, memory_epochs, min_epochs_to_fix
+        Of the memory and of acceptance, see the module's docstring.
+    change_sd_mps : float
+        Standard deviation of the baseline's change in a second; NaN leaves it free.
     residual, integer : ndarray, shape (n_rows,)
         Outputs: residuals of the winner and its integers, NaN where a row did not take part.
     out, status, reason : ndarray
@@ -868,6 +872,10 @@ def run_engine(
     b = np.empty(3)
     b_con = np.empty(3)
     b_free = np.empty(3)
+    b_last = np.zeros(3)
+    has_last = False
+    time_last = 0.0
+    variance_last = 0.0
     mu = 0.0
     constraint = np.nan
     if use_length:
@@ -906,6 +914,13 @@ def run_engine(
             rhs_code[r] = prior_rhs[r]
             for c in range(3):
                 info_code[r, c] = prior_information[r, c]
+        if carry and has_last and change_sd_mps == change_sd_mps:
+            # The baseline wanders from the last accepted one: a random walk.
+            moved = change_sd_mps * (time_s[e] - time_last)
+            stiffness = 1.0 / (moved * moved + variance_last)
+            for r in range(3):
+                info_code[r, r] += stiffness
+                rhs_code[r] += stiffness * b_last[r]
         n_code = code_start[e + 1] - code_start[e]
         centre(code_start[e], n_code, code_y, code_design, code_variance, code_group, w, hc, yc, total)
         accumulate(n_code, w, hc, yc, info_code, rhs_code)
@@ -1088,8 +1103,14 @@ def run_engine(
                 for k in range(m):
                     slot[k] = slot_of_arc[arc[k]]
                 remember(m, lam, group, slot, w, hc, yc, total, cov, rhs, share, memory, vector)
+        if released:
+            has_last = False
         if status[e] >= S_HELD:
+            has_last = True
+            time_last = time_s[e]
+            variance_last = (row[COV] + row[COV + 1] + row[COV + 2]) / 3.0
             for r in range(3):
                 b[r] = row[BX + r]
+                b_last[r] = b[r]
         write_dops(m, design, variance, group, b, hc, yc, w, total, row)
     return counter[0]

@@ -234,7 +234,7 @@ def _run_engine(differences, arcs, settings, factors, *, backward=False, epochs=
         carry,
         carry and settings.method == "filter",
         float(settings.stochastic.correlation_s), float(settings.stochastic.memory_epochs),
-        settings.min_epochs_to_fix, residual, integer, table, status, reason, events, numbers,
+        settings.min_epochs_to_fix, _change_sd_mps(settings), residual, integer, table, status, reason, events, numbers,
     )  # fmt: skip
     # Whole cycles put back, and integers counted from the reference of their group.
     integer += offset_row
@@ -296,6 +296,13 @@ def _ratio_limits(settings, n_limits):
             [tabulated_ratio_threshold(max(n, 2), 0.1, settings.failure_rate) for n in range(n_limits)]
         )
     return {"none": 0, "fixed": 1, "fixed_failure_rate": 1, "difference": 2}[settings.ratio_test], limits
+
+
+def _change_sd_mps(settings):
+    """How far the baseline may turn in a second, metres; NaN where it is free."""
+    if settings.rotation_rate_sd_dps is None or settings.length_m is None:
+        return np.nan
+    return float(np.radians(settings.rotation_rate_sd_dps) * settings.length_m)
 
 
 def _reverse(start):
