@@ -11,7 +11,8 @@ def test_slow_platform_gains_from_its_last_direction(data_dir):
     rover = truenorth.read_observations(folder / "rover.ubx.gz")
     navigation = truenorth.read_navigation(folder / "rover.ubx.gz")
     options = {
-        "length_m": 0.3296, "systems": "G", "bands": ("L1",), "elevation_mask_deg": 35, "method": "constrained",
+        "length_m": 0.3296, "systems": "G", "bands": ("L1",), "elevation_mask_deg": 35,
+        "method": "constrained",
     }  # fmt: skip
     free = truenorth.solve_baseline(base, rover, navigation, **options)
     slow = truenorth.solve_baseline(base, rover, navigation, rotation_rate_sd_dps=1.0, **options)

@@ -234,7 +234,8 @@ def _run_engine(differences, arcs, settings, factors, *, backward=False, epochs=
         carry,
         carry and settings.method == "filter",
         float(settings.stochastic.correlation_s), float(settings.stochastic.memory_epochs),
-        settings.min_epochs_to_fix, _change_sd_mps(settings), residual, integer, table, status, reason, events, numbers,
+        settings.min_epochs_to_fix, _change_sd_mps(settings),
+        residual, integer, table, status, reason, events, numbers,
     )  # fmt: skip
     # Whole cycles put back, and integers counted from the reference of their group.
     integer += offset_row
