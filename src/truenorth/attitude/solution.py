@@ -67,7 +67,8 @@ class BaselineSolution:
     pdop, hdop, vdop, azimuth_dop, elevation_dop : ndarray of float64, shape (n,)
         Of the double-difference geometry, unit undifferenced phase noise (Wang 2002, sec. 3.9).
     ratio : ndarray of float64, shape (n,)
-        Objective of the second-best over the best candidate; NaN where there is none, capped 999.9.
+        Objective of the second-best over the best candidate. Exact up to 3, or to the threshold of the
+        ratio test; above, a lower bound. NaN where there is no candidate.
     success_probability : ndarray of float64, shape (n,)
         Posterior probability of the winning integers.
     chi2, chi2_limit : ndarray of float64, shape (n,)
