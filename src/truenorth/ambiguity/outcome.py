@@ -5,6 +5,7 @@ from functools import lru_cache
 import numpy as np
 
 from ..errors import Status
+from .acceptance import chi2_quantile
 from .model import Resolution
 
 __all__ = ["chi2_limits", "code_baseline", "unresolved"]
@@ -27,13 +28,12 @@ def chi2_limits(dof, significance, tails="upper"):
     -------
     low, high : float
     """
-    from scipy.stats import chi2
-
     if dof <= 0:
         return 0.0, np.inf
     if tails == "both":
-        return float(chi2.ppf(significance / 2.0, dof)), float(chi2.isf(significance / 2.0, dof))
-    return 0.0, float(chi2.isf(significance, dof))
+        share = significance / 2.0
+        return chi2_quantile(share, dof), chi2_quantile(share, dof, upper=True)
+    return 0.0, chi2_quantile(significance, dof, upper=True)
 
 
 def code_baseline(problem):
