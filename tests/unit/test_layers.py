@@ -18,13 +18,16 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = (
     ("_kernels",),
     ("constants", "errors", "timescales", "rotations", "frames"),
-    ("observations", "navigation"),
+    ("observations", "navigation", "sensor_log"),
     ("formats",),
     ("datasets", "config", "platform"),
     ("orbits",),
     ("positioning",),
     ("ambiguity",),
     ("attitude",),
+    ("sensors",),
+    ("simulation",),
+    ("evaluation",),
     ("export",),
     ("report",),
     ("cli",),
@@ -39,17 +42,19 @@ HOMES = {
     "numba": {"_kernels"},
     "matplotlib": {"report"},
     "plotly": {"report"},
-    "polars": {"export", "report"},
+    "polars": {"formats", "export", "report"},
     "xarray": {"export", "report"},
     "pooch": {"datasets"},
     "requests": {"datasets"},
     "typer": {"cli"},
+    "ppigrf": {"sensors"},
 }
 
 # What costs too much to load with the package; imported inside the function that needs it.
 HEAVY = {
     "scipy", "polars", "xarray", "matplotlib", "plotly",
     "hatanaka", "ncompress", "pyubx2", "pooch", "requests",
+    "ppigrf", "pandas",
 }  # fmt: skip
 
 

@@ -1,0 +1,1 @@
+"""Comparison of a solution with a reference: alignment in time, wrapped differences, statistics."""
