@@ -27,6 +27,7 @@ __all__ = [
     "Session",
     "StochasticSettings",
     "convert_settings",
+    "toml_lines",
 ]
 
 METHODS = ("constrained", "lambda", "lsast", "exhaustive", "kalman", "filter")
@@ -365,7 +366,7 @@ class Session(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
         for antenna in table["platform"]["antennas"]:
             antenna["observations"] = place(antenna["observations"])
         table["gnss"]["navigation"] = [place(name) for name in table["gnss"]["navigation"]]
-        return "\n".join(_toml_lines(table)).lstrip() + "\n"
+        return "\n".join(toml_lines(table)).lstrip() + "\n"
 
     def _files(self) -> list[tuple[str, str]]:
         """Input files with the keys that name them."""
@@ -464,15 +465,15 @@ def _value_at(table: Any, place: str) -> Any:
     return table
 
 
-def _toml_lines(table: dict[str, Any], prefix: str = "") -> list[str]:
+def toml_lines(table: dict[str, Any], prefix: str = "") -> list[str]:
     """Lines of a TOML table; settings without a value stand as comments, for TOML has no null."""
     lines, inner = [], []
     for key, value in table.items():
         if isinstance(value, dict):
-            inner += ["", f"[{prefix}{key}]", *_toml_lines(value, f"{prefix}{key}.")]
+            inner += ["", f"[{prefix}{key}]", *toml_lines(value, f"{prefix}{key}.")]
         elif isinstance(value, list | tuple) and value and isinstance(value[0], dict):
             for item in value:
-                inner += ["", f"[[{prefix}{key}]]", *_toml_lines(item, f"{prefix}{key}.")]
+                inner += ["", f"[[{prefix}{key}]]", *toml_lines(item, f"{prefix}{key}.")]
         elif value is None:
             lines.append(f"# {key} is not set")
         else:
