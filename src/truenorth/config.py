@@ -10,6 +10,7 @@ import math
 import os
 import re
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal, NoReturn, TypeVar, get_args, get_origin
 
@@ -194,9 +195,10 @@ class PlatformSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 
     name: str = ""
     antennas: tuple[AntennaSection, ...]
-    """The first is the base, the second the rover."""
+    """Two or more. The first is the reference, from which every baseline points; with three or more
+    each needs its body coordinates."""
     length_m: float | None = None
-    """Separation of the antennas, where body coordinates are not known."""
+    """Separation of two antennas, where body coordinates are not known."""
 
 
 class GnssSection(GnssSettings, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -306,39 +308,66 @@ class Session(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
             raise ConfigError(f"`{key}` {text}", key=key, value=value)
 
         antennas = self.platform.antennas
-        if len(antennas) != 2:
-            refuse("platform.antennas", len(antennas), f"holds {len(antennas)} antennas; give two")
-        if antennas[0].name == antennas[1].name:
-            refuse("platform.antennas[1].name", antennas[1].name, "is used twice; give each antenna its own")
+        if len(antennas) < 2:
+            refuse("platform.antennas", len(antennas), f"holds {len(antennas)} antennas; give two or more")
+        names = [antenna.name for antenna in antennas]
+        for k, name in enumerate(names):
+            if name in names[:k]:
+                refuse(f"platform.antennas[{k}].name", name, "is used twice; give each antenna its own")
+        if len(antennas) > 2:
+            self._check_array(refuse)
+            return
         lengths = {
             "gnss.length_m": self.gnss.length_m,
             "platform.length_m": self.platform.length_m,
-            "platform.antennas": _body_length_m(antennas),
+            "platform.antennas": _body_length_m(*antennas),
         }
         known = [(key, length_m) for key, length_m in lengths.items() if length_m is not None]
         for key, length_m in known:
-            if not 0.01 <= length_m <= 10_000.0:
-                refuse(key, length_m, f"gives a length of {length_m:g} m; give one from 0.01 to 10000 m")
+            _check_length(key, length_m, refuse)
             if abs(length_m - known[0][1]) > 5.0 * self.gnss.length_sd_m + 0.001:
                 other, other_m = known[0]
                 refuse(
                     key, length_m, f"gives {length_m:g} m but `{other}` gives {other_m:g} m; give one of them"
                 )
 
+    def _check_array(self, refuse: Callable[[str, object, str], NoReturn]) -> None:
+        """Three and more antennas: body coordinates of each, apart from one another, and no single length."""
+        antennas = self.platform.antennas
+        for key, length_m in (
+            ("gnss.length_m", self.gnss.length_m),
+            ("platform.length_m", self.platform.length_m),
+        ):
+            if length_m is not None:
+                refuse(key, length_m, f"is for two antennas; {len(antennas)} have their body coordinates")
+        for k, antenna in enumerate(antennas):
+            key = f"platform.antennas[{k}].position_body_m"
+            if antenna.position_body_m is None:
+                refuse(key, None, f"is missing; {len(antennas)} antennas need their body coordinates")
+            for other in antennas[:k]:
+                length_m = _body_length_m(other, antenna)
+                if length_m is not None:
+                    _check_length(key, length_m, refuse)
+
     @property
-    def observation_paths(self) -> tuple[str, str]:
-        """Observation files of base and rover."""
-        first, second = self.platform.antennas
-        return first.observations, second.observations
+    def observation_paths(self) -> tuple[str, ...]:
+        """Observation files of the antennas, the reference first."""
+        return tuple(antenna.observations for antenna in self.platform.antennas)
+
+    @property
+    def is_array(self) -> bool:
+        """Whether the platform has three antennas or more."""
+        return len(self.platform.antennas) > 2
 
     @property
     def settings(self) -> GnssSettings:
-        """Solver settings, with the length that the platform gives where ``[gnss]`` has none."""
+        """Solver settings, with the length that a platform of two gives where ``[gnss]`` has none."""
         fields = msgspec.structs.asdict(self.gnss)
         del fields["navigation"]
-        for length_m in (self.platform.length_m, _body_length_m(self.platform.antennas)):
-            if fields["length_m"] is None:
-                fields["length_m"] = length_m
+        if not self.is_array:
+            for length_m in (self.platform.length_m, _body_length_m(*self.platform.antennas)):
+                if fields["length_m"] is None:
+                    fields["length_m"] = length_m
         return GnssSettings(**fields)
 
     def to_toml(self, *, folder: str | os.PathLike[str] | None = None) -> str:
@@ -377,10 +406,16 @@ class Session(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
         return named + [(f"gnss.navigation[{k}]", name) for k, name in enumerate(self.gnss.navigation)]
 
 
-def _body_length_m(antennas: tuple[AntennaSection, ...]) -> float | None:
-    """Separation of the first two antennas by their body coordinates, None where one is not given."""
-    first, second = (antenna.position_body_m for antenna in antennas[:2])
-    return None if first is None or second is None else math.dist(first, second)
+def _body_length_m(first: AntennaSection, second: AntennaSection) -> float | None:
+    """Separation of two antennas by their body coordinates, None where one is not given."""
+    if first.position_body_m is None or second.position_body_m is None:
+        return None
+    return math.dist(first.position_body_m, second.position_body_m)
+
+
+def _check_length(key: str, length_m: float, refuse: Callable[[str, object, str], NoReturn]) -> None:
+    if not 0.01 <= length_m <= 10_000.0:
+        refuse(key, length_m, f"gives a length of {length_m:g} m; give one from 0.01 to 10000 m")
 
 
 Section = TypeVar("Section", bound=msgspec.Struct)

@@ -104,10 +104,48 @@ def test_refuses_and_names_the_key(old, new, key, words):
     assert "\n" not in str(caught.value)
 
 
-def test_three_antennas_are_refused():
-    third = '[[platform.antennas]]\nname = "mast"\nobservations = "mast.obs"\n[gnss]'
-    with pytest.raises(ConfigError, match="3 antennas"):
-        Session.from_toml(SESSION.replace("[gnss]", third))
+MAST = """[[platform.antennas]]
+name = "mast"
+observations = "mast.obs"
+position_body_m = [1.0, 1.5, -0.5]
+[gnss]"""
+
+
+def test_an_array_has_no_single_length():
+    session = Session.from_toml(SESSION.replace("[gnss]", MAST))
+    assert session.is_array
+    assert session.observation_paths == ("aft.obs.gz", "fore.obs.gz", "mast.obs")
+    assert session.settings.length_m is None
+    assert Session.from_toml(session.to_toml()) == session
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "words"),
+    [
+        (
+            "position_body_m = [1.0, 1.5, -0.5]\n",
+            "",
+            "platform.antennas[2].position_body_m",
+            "3 antennas need",
+        ),
+        ("[1.0, 1.5, -0.5]", "[2.669, 0.0, 0.0]", "platform.antennas[2].position_body_m", "length of 0 m"),
+        ('"mast"', '"aft"', "platform.antennas[2].name", "twice"),
+        ("[gnss]", "[gnss]\nlength_m = 2.669", "gnss.length_m", "is for two antennas"),
+    ],
+)
+def test_refuses_an_array_and_names_the_key(old, new, key, words):
+    text = SESSION.replace("[gnss]", MAST)
+    assert old in text
+    with pytest.raises(ConfigError) as caught:
+        Session.from_toml(text.replace(old, new))
+    assert caught.value.key == key
+    assert words in str(caught.value)
+
+
+def test_one_antenna_is_refused():
+    fore = SESSION.index('[[platform.antennas]]\nname = "fore"')
+    with pytest.raises(ConfigError, match="holds 1 antennas; give two or more"):
+        Session.from_toml(SESSION[:fore])
 
 
 def test_names_the_file_and_what_is_wrong_with_it(folder):

@@ -60,6 +60,6 @@ def _compile_positions(session: Session) -> None:
     from ..formats import read_navigation, read_observations
     from ..positioning import solve_single_point
 
-    base, rover = session.observation_paths
-    navigation = read_navigation(*(session.gnss.navigation or (base, rover)))
-    solve_single_point(read_observations(base).select_epochs(slice(0, 2)), navigation)
+    paths = session.observation_paths
+    navigation = read_navigation(*(session.gnss.navigation or paths))
+    solve_single_point(read_observations(paths[0]).select_epochs(slice(0, 2)), navigation)

@@ -99,6 +99,13 @@ def _with_overrides(session: Session, table: dict[str, Any]) -> Session:
     """Session with some of its settings replaced by options."""
     described = msgspec.to_builtins(session)
     _merge(described["gnss"], table)
+    if table.get("length_m") is not None and session.is_array:
+        raise ConfigError(
+            f"`length_m` is for two antennas; the platform has {len(session.platform.antennas)}, whose body "
+            "coordinates give the lengths",
+            key="length_m",
+            value=table["length_m"],
+        )
     if "length_m" in table:
         # What is typed wins over what the platform says.
         described["platform"]["length_m"] = None
