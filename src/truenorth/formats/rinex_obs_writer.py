@@ -1,0 +1,462 @@
+"""Writing RINEX 3.05 observation files, whole or block after block of epochs.
+
+- Observables are written as F14.3; the nearest multiple of 0.001, so values that are such multiples come
+  back unchanged. RINEX has no zero: a value below 0.0005 is written as 0.000 and read as missing.
+- Time tags have 100 ns. They are GPS time, whatever the systems.
+- Behind code and phase stands the signal strength digit, ``min(max(floor(C/N0 / 6), 1), 9)``; behind the
+  phase the loss-of-lock bits 0 (slip) and 1 (half cycle), blank for none.
+- What is not known is left out or blank, as the standard says; nothing depends on the clock or the
+  computer, so equal observations give equal bytes.
+
+Reference: IGS/RTCM, RINEX 3.05, 2020, tables A2 and A3.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..constants import BEIDOU, GALILEO, GLONASS, GPS, NAVIC, QZSS, SBAS, SYSTEM_NAMES, SYSTEMS
+from ..errors import FormatError
+from ..observations import (
+    NO_CHANNEL,
+    ObservationEvent,
+    ObservationMeta,
+    sat_name,
+    signal_id,
+    signal_name,
+)
+from ..timescales import NS_PER_S, format_gpst, gpst_to_datetime64, leap_seconds
+
+__all__ = ["RinexObservationWriter", "observation_types", "write_rinex_observations"]
+
+VERSION = "3.05"
+
+_KINDS = "CLDS"
+_VALUES = ("code_m", "phase_cyc", "doppler_hz", "cn0_dbhz")
+_ORDER = (GPS, GLONASS, GALILEO, QZSS, BEIDOU, NAVIC, SBAS)
+_NS_PER_TICK = 100
+_BUFFER_BYTES = 1 << 20
+_GLONASS_BIASES = ("C1C", "C1P", "C2C", "C2P")
+_EVENT_FLAGS = (2, 3, 4, 5)
+# Header lines within the file that would change what the columns mean.
+_COLUMN_LABELS = ("SYS / # / OBS TYPES", "# / TYPES OF OBSERV", "SYS / SCALE FACTOR", "WAVELENGTH FACT L1/2")
+
+
+def observation_types(observations):
+    """RINEX observation types that some observations hold.
+
+    Parameters
+    ----------
+    observations : Observations
+
+    Returns
+    -------
+    dict of str to tuple of str
+        By system letter, e.g. ``{"G": ("C1C", "L1C", "D1C", "S1C")}``; sorted by signal.
+    """
+    types = {}
+    keys, row_key = np.unique(observations.sat // 100 * 1000 + observations.signal, return_inverse=True)
+    held = np.zeros((len(keys), 4), dtype=bool)
+    for kind, name in enumerate(_VALUES):
+        held[row_key[np.isfinite(getattr(observations, name))], kind] = True
+    held[row_key[(observations.lli & 3) != 0], 1] = True
+    for system in _ORDER:
+        names = []
+        for key, there in zip(keys.tolist(), held, strict=True):
+            if key // 1000 == system:
+                signal = signal_name(key % 1000).replace("?", "")
+                names += [kind + signal for kind, held_kind in zip(_KINDS, there, strict=True) if held_kind]
+        if names:
+            types[SYSTEMS[system]] = tuple(names)
+    return types
+
+
+def write_rinex_observations(path, observations, **header):
+    """Write observations to a RINEX 3.05 file.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        The file; packed by gzip when the name ends in ``.gz``.
+    observations : Observations
+        What to write, with its events of flags 2 to 5.
+    **header
+        As the parameters of `RinexObservationWriter`. What `ObservationMeta` holds is taken from
+        ``observations.meta`` where it is not given here.
+
+    Raises
+    ------
+    FormatError
+        If a value has no room in its field, or the file cannot be written.
+    """
+    meta = {
+        name: getattr(observations.meta, name) for name in _META_NAMES if getattr(observations.meta, name)
+    }
+    header = {"types": observation_types(observations), **meta, **header}
+    with RinexObservationWriter(path, **header) as writer:
+        writer.write_block(observations)
+
+
+_META_NAMES = (
+    "marker", "receiver_type", "receiver_serial", "receiver_firmware", "antenna_type", "antenna_serial",
+    "approx_position_ecef_m", "antenna_delta_hen_m", "interval_s", "leap_seconds", "phase_shift_cyc",
+    "glonass_code_phase_bias_m",
+)  # fmt: skip
+
+
+class RinexObservationWriter:
+    """A RINEX 3.05 observation file that grows by blocks of epochs.
+
+    The header is written with the first block, which gives the time of the first epoch.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        The file; packed by gzip when the name ends in ``.gz``.
+    types : dict of str to sequence of str, optional
+        By system letter, the observation types of all blocks (``"C1C"``), or signals (``"1C"``) for
+        code, phase, Doppler and C/N0 of them. By default those of the first block.
+    glonass_channel : ndarray of int8, shape (100,), optional
+        Frequency channel by slot for the header; by default that of the first block.
+    program, run_by, observer, agency : str
+        For the header.
+    date_ns : int, optional
+        GPS time at which the file is said to be made; by default that of the first epoch.
+    comments : sequence of str
+        Comment lines, cut at 60 characters.
+    **meta
+        Fields of `truenorth.observations.ObservationMeta` for the header: ``marker``, ``receiver_type``,
+        ``receiver_serial``, ``receiver_firmware``, ``antenna_type``, ``antenna_serial``,
+        ``approx_position_ecef_m``, ``antenna_delta_hen_m``, ``interval_s``, ``leap_seconds``,
+        ``phase_shift_cyc``, ``glonass_code_phase_bias_m``.
+
+    Raises
+    ------
+    FormatError
+        If the file cannot be opened.
+
+    Examples
+    --------
+    >>> with RinexObservationWriter("fore.obs", types={"G": ["1C", "2W"]}, marker="FORE") as writer:
+    ...     for block in blocks:
+    ...         writer.write_block(block)  # doctest: +SKIP
+    """
+
+    def __init__(
+        self, path, *, types=None, glonass_channel=None,
+        program="TrueNorth", run_by="", observer="", agency="", date_ns=None, comments=(), **meta,
+    ):  # fmt: skip
+        self._path = path
+        self._types = None if types is None else _full_types(types)
+        self._glonass_channel = glonass_channel
+        self._lines = {"program": program, "run_by": run_by, "observer": observer, "agency": agency}
+        self._date_ns = date_ns
+        self._comments = comments
+        self._meta = replace(ObservationMeta(), **meta)
+        self._tables = None
+        self._last_ns = None
+        self._file = _open(path)
+
+    def __enter__(self):
+        """Return the writer; leaving closes the file."""
+        return self
+
+    def __exit__(self, *_):
+        """Close the file."""
+        self.close()
+
+    def close(self):
+        """Finish the file. A file without epochs gets a header if its types were declared."""
+        if self._file.closed:
+            return
+        try:
+            if self._tables is None and self._types:
+                self._write_header(None)
+        finally:
+            self._file.close()
+
+    def write_block(self, observations):
+        """Append epochs.
+
+        Parameters
+        ----------
+        observations : Observations
+            Epochs later than those of the block before, with events of flags 2 to 5.
+
+        Raises
+        ------
+        FormatError
+            If an epoch is not later than the one before, a signal or type was not declared, or a value
+            has no room in its field.
+        """
+        time_ns = observations.time_ns
+        if self._tables is None and (observations.n_epochs or observations.events):
+            self._write_header(observations)
+        if observations.n_epochs:
+            times = time_ns if self._last_ns is None else np.concatenate(([self._last_ns], time_ns))
+            ticks = (times + _NS_PER_TICK // 2) // _NS_PER_TICK
+            if np.any(np.diff(ticks) <= 0):
+                at = int(np.flatnonzero(np.diff(ticks) <= 0)[0]) + 1
+                raise FormatError(
+                    f"the epoch {format_gpst(times[at], decimals=7)} GPST is not later than the one before; "
+                    "write the blocks in order of time",
+                    path=self._path,
+                )
+            self._last_ns = int(time_ns[-1])
+        flag = np.zeros(observations.n_epochs, dtype=np.uint8)
+        done = 0
+        for event in observations.events:
+            if event.flag == 1 and event.time_ns is not None:
+                flag[time_ns == event.time_ns] = 1
+        for event in observations.events:
+            if event.flag in _EVENT_FLAGS:
+                if event.time_ns is not None:
+                    upto = max(done, int(np.searchsorted(time_ns, event.time_ns)))
+                    self._write_epochs(observations, flag, done, upto)
+                    done = upto
+                self._file.write(_event_text(event))
+        self._write_epochs(observations, flag, done, observations.n_epochs)
+
+    def _write_header(self, observations):
+        if self._types is None:
+            self._types = observation_types(observations)
+        if not self._types:
+            raise FormatError(
+                "the first block of epochs holds no observations, so the columns of the file are unknown; "
+                "declare its observation types",
+                path=self._path,
+            )
+        channel = self._glonass_channel
+        if channel is None and observations is not None:
+            channel = observations.glonass_channel
+        first_ns = None
+        if observations is not None and observations.n_epochs:
+            first_ns = int(observations.time_ns[0])
+        date_ns = first_ns if self._date_ns is None else self._date_ns
+        text = _header_text(
+            self._types, self._meta, channel, first_ns, date_ns, self._comments, **self._lines
+        )
+        self._file.write(text.encode("ascii", "replace"))
+        self._tables = _tables(self._types)
+
+    def _write_epochs(self, observations, flag, first, last):
+        from .._kernels import rinex_write as body
+
+        if first >= last:
+            return
+        letters, slots, places, line_bytes = self._tables
+        start = observations.epoch_start
+        most_rows = int(np.max(np.diff(start[first : last + 1])))
+        out = np.empty(max(_BUFFER_BYTES, body.EPOCH_LINE_BYTES + most_rows * line_bytes), dtype=np.uint8)
+        columns = tuple(
+            np.require(column, dtype, "CW")
+            for column, dtype in (
+                ((observations.time_ns + _NS_PER_TICK // 2) // _NS_PER_TICK, np.int64),
+                (flag, np.uint8),
+                (observations.clock_offset_s, np.float64),
+                (start, np.int64),
+                (observations.sat, np.int16),
+                (observations.signal, np.int16),
+                (observations.code_m, np.float64),
+                (observations.phase_cyc, np.float64),
+                (observations.doppler_hz, np.float64),
+                (observations.cn0_dbhz, np.float64),
+                (observations.lli, np.uint8),
+            )
+        )
+        while first < last:
+            outcome, first, row, n_bytes = body.write_epochs(
+                first, last, out, letters, slots, places, line_bytes, *columns
+            )
+            self._file.write(out[:n_bytes].data)
+            if outcome in (body.UNDECLARED, body.TOO_WIDE):
+                when = format_gpst(observations.time_ns[first])
+                self._refuse(observations, int(row), when, outcome == body.UNDECLARED)
+
+    def _refuse(self, observations, row, when, undeclared):
+        name = "the epoch"
+        if row < observations.n_rows:
+            sat, signal = int(observations.sat[row]), int(observations.signal[row])
+            name = f"{sat_name(sat)} {signal_name(signal)}"
+        if undeclared:
+            message = (
+                f"{name} at {when} GPST has a signal or observable that the header does not declare; give "
+                "the observation types of the whole session"
+            )
+        else:
+            values = ", ".join(f"{getattr(observations, v)[row : row + 1]}" for v in _VALUES)
+            message = (
+                f"{name} at {when} GPST has a value without room in its field (code, phase, Doppler, C/N0: "
+                f"{values}); an F14.3 field holds -999999999.999 to 9999999999.999"
+            )
+        raise FormatError(message, path=self._path)
+
+
+def _open(path):
+    """Open a file for bytes; the packed one has no time and no name inside."""
+    try:
+        file = open(path, "wb")  # noqa: SIM115 (closed by the writer)
+    except OSError as problem:
+        reason = problem.strerror or type(problem).__name__
+        raise FormatError(f"the file cannot be written ({reason}); check the path", path=path) from None
+    if not str(path).endswith(".gz"):
+        return file
+    import gzip
+
+    class _Packed(gzip.GzipFile):
+        def close(self):
+            super().close()
+            file.close()
+
+    return _Packed(filename="", mode="wb", compresslevel=6, fileobj=file, mtime=0)
+
+
+def _full_types(types):
+    """Types by system letter in the order of the header, with signals spelt out."""
+    unknown = set(types) - set(SYSTEMS)
+    if unknown:
+        raise FormatError(
+            f"there is no satellite system {sorted(unknown)[0]!r}; the systems are {', '.join(SYSTEM_NAMES)}"
+        )
+    full = {}
+    for system in (SYSTEMS[code] for code in _ORDER):
+        names = []
+        for name in types.get(system, ()):
+            new = [name] if name[0] in _KINDS else [kind + name for kind in _KINDS]
+            names += [each for each in new if each not in names]
+        if names:
+            full[system] = tuple(names)
+    return full
+
+
+def _tables(types):
+    """Arrays of the kernel that describe the columns."""
+    letters = np.frombuffer(SYSTEMS.encode(), dtype=np.uint8).copy()
+    slots = np.full((len(SYSTEMS), 1000), -1, dtype=np.int64)
+    most = max(len(names) for names in types.values())
+    places = np.full((len(SYSTEMS), most, 4), -1, dtype=np.int64)
+    for letter, names in types.items():
+        system = SYSTEMS.index(letter)
+        signals = {}
+        for column, name in enumerate(names):
+            slot = signals.setdefault(signal_id(name[1:]), len(signals))
+            places[system, slot, _KINDS.index(name[0])] = 3 + 16 * column
+        for signal, slot in signals.items():
+            slots[system, signal] = slot
+    return letters, slots, places, 3 + 16 * most + 1
+
+
+# --------------------------------------------------------------------------------------- header
+
+
+def _line(content, label):
+    return f"{content[:60]:<60}{label:<20}\n"
+
+
+def _header_text(types, meta, channel, first_ns, date_ns, comments, *, program, run_by, observer, agency):
+    systems = "".join(types)
+    kind = f"M: {'Mixed':<17}" if len(systems) > 1 else f"{systems}: {SYSTEM_NAMES[systems]:<17}"
+    lines = [_line(f"{VERSION:>9}{'':11}{'OBSERVATION DATA':<20}{kind:<20}", "RINEX VERSION / TYPE")]
+    lines.append(_line(f"{program:<20.20}{run_by:<20.20}{_date(date_ns):<20}", "PGM / RUN BY / DATE"))
+    lines += [_line(comment, "COMMENT") for comment in comments]
+    lines.append(_line(meta.marker, "MARKER NAME"))
+    lines.append(_line(f"{observer:<20.20}{agency:<40.40}", "OBSERVER / AGENCY"))
+    receiver = f"{meta.receiver_serial:<20.20}{meta.receiver_type:<20.20}{meta.receiver_firmware:<20.20}"
+    lines.append(_line(receiver, "REC # / TYPE / VERS"))
+    lines.append(_line(f"{meta.antenna_serial:<20.20}{meta.antenna_type:<20.20}", "ANT # / TYPE"))
+    if meta.approx_position_ecef_m is not None:
+        text = "".join(f"{value:14.4f}" for value in meta.approx_position_ecef_m)
+        lines.append(_line(text, "APPROX POSITION XYZ"))
+    delta = meta.antenna_delta_hen_m or (0.0, 0.0, 0.0)
+    lines.append(_line("".join(f"{value:14.4f}" for value in delta), "ANTENNA: DELTA H/E/N"))
+    for system, names in types.items():
+        for k in range(0, len(names), 13):
+            count = f"{system}  {len(names):3d}" if k == 0 else " " * 6
+            lines.append(
+                _line(count + "".join(f" {name:<3}" for name in names[k : k + 13]), "SYS / # / OBS TYPES")
+            )
+    lines.append(_line("DBHZ", "SIGNAL STRENGTH UNIT"))
+    if meta.interval_s is not None:
+        lines.append(_line(f"{meta.interval_s:10.3f}", "INTERVAL"))
+    if first_ns is not None:
+        lines.append(_line(_first_epoch(first_ns), "TIME OF FIRST OBS"))
+    lines += _phase_shift_lines(types, meta.phase_shift_cyc)
+    if "R" in types:
+        lines += _glonass_lines(channel, meta.glonass_code_phase_bias_m)
+    if meta.leap_seconds is not None:
+        lines.append(_line(f"{meta.leap_seconds:6d}", "LEAP SECONDS"))
+    lines.append(_line("", "END OF HEADER"))
+    return "".join(lines)
+
+
+def _date(gpst_ns):
+    """UTC as in the first lines of a header."""
+    if gpst_ns is None:
+        return ""
+    utc_ns = gpst_ns - int(leap_seconds(gpst_ns)) * NS_PER_S
+    utc_ns = gpst_ns - int(leap_seconds(utc_ns)) * NS_PER_S
+    text = format_gpst(utc_ns // NS_PER_S * NS_PER_S, decimals=0)
+    return f"{text[:10]} {text[11:]} UTC".replace("-", "").replace(":", "")
+
+
+def _first_epoch(gpst_ns):
+    ticks = (gpst_ns + _NS_PER_TICK // 2) // _NS_PER_TICK
+    moment = gpst_to_datetime64(ticks // 600_000_000 * 60 * NS_PER_S)
+    year, month, day = (int(part) for part in str(moment)[:10].split("-"))
+    hour, minute = (int(part) for part in str(moment)[11:16].split(":"))
+    seconds, rest = divmod(ticks % 600_000_000, 10_000_000)
+    return f"{year:6d}{month:6d}{day:6d}{hour:6d}{minute:6d}{seconds:5d}.{rest:07d}     GPS"
+
+
+def _phase_shift_lines(types, shifts):
+    """What is known of each signal; one line with the system alone where nothing is."""
+    lines = []
+    for system in types:
+        known = {}
+        for name, shift in shifts.items():  # "G2X", or "G052X" for one satellite
+            if name[0] == system:
+                known.setdefault((name[-2:], shift), []).append(name[:-2])
+        if not known:
+            lines.append(_line(system, "SYS / PHASE SHIFT"))
+        for (signal, shift), sats in known.items():
+            head = f"{system} L{signal} {shift:8.5f}"
+            if sats == [system]:
+                lines.append(_line(head, "SYS / PHASE SHIFT"))
+                continue
+            for k in range(0, len(sats), 10):
+                count = f"{head}  {len(sats):2d}" if k == 0 else " " * 18
+                text = count + "".join(f" {sat}" for sat in sats[k : k + 10])
+                lines.append(_line(text, "SYS / PHASE SHIFT"))
+    return lines
+
+
+def _glonass_lines(channel, biases):
+    """Frequency channels and code-phase alignment."""
+    known = [] if channel is None else np.flatnonzero(np.asarray(channel) != NO_CHANNEL).tolist()
+    lines = []
+    for k in range(0, max(len(known), 1), 8):
+        count = f"{len(known):3d} " if k == 0 else " " * 4
+        text = count + "".join(f"R{slot:02d} {int(channel[slot]):2d} " for slot in known[k : k + 8])
+        lines.append(_line(text, "GLONASS SLOT / FRQ #"))
+    bias = "".join(
+        f" {code} {biases[code[1:]]:8.3f}" if code[1:] in biases else "" for code in _GLONASS_BIASES
+    )
+    lines.append(_line(bias, "GLONASS COD/PHS/BIS"))
+    return lines
+
+
+# --------------------------------------------------------------------------------------- events
+
+
+def _event_text(event: ObservationEvent) -> bytes:
+    """An event record, without header lines that would change the columns."""
+    texts = event.text.split("\n") if event.text else []
+    texts = [text for text in texts if text[60:80].strip() not in _COLUMN_LABELS]
+    when = " " * 28
+    if event.time_ns is not None:
+        ticks = (event.time_ns + _NS_PER_TICK // 2) // _NS_PER_TICK
+        stamp = format_gpst(ticks * _NS_PER_TICK, decimals=7)
+        when = f" {stamp[:4]} {stamp[5:7]} {stamp[8:10]} {stamp[11:13]} {stamp[14:16]}"
+        when += f" {int(stamp[17:19]):2d}.{stamp[20:]}"
+    head = f">{when}  {event.flag}{len(texts):3d}\n"
+    return "".join([head, *(text[:80].rstrip() + "\n" for text in texts)]).encode("ascii", "replace")
