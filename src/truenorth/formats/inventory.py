@@ -1,7 +1,9 @@
 """What a file holds: span, interval, satellites, signals, gaps, slips, and what it says of itself.
 
 The interval is taken from the data: the shortest step between epochs (to 10 ms) that makes up at least a
-tenth of all steps. A gap is a step longer than one and a half intervals.
+tenth of all steps. A gap is a step longer than one and a half intervals. The samples of a sensor carry the
+clock of the computer that logged them, which may go in steps as long as half the interval: there the
+interval is the mean of the steps that are no gaps.
 """
 
 from dataclasses import asdict, dataclass, field
@@ -14,7 +16,16 @@ from ..navigation import MessageType
 from ..observations import LLI_HALF_CYCLE, LLI_SLIP, NO_CHANNEL, sat_name, signal_name
 from ..timescales import NS_PER_S, format_gpst
 
-__all__ = ["Gap", "Inventory", "NavigationContent", "SignalContent", "SystemContent", "summarize"]
+__all__ = [
+    "ColumnContent",
+    "Gap",
+    "Inventory",
+    "NavigationContent",
+    "SensorContent",
+    "SignalContent",
+    "SystemContent",
+    "summarize",
+]
 
 _STEP_NS = NS_PER_S // 100
 _MIN_SHARE_OF_STEPS = 0.1
@@ -124,6 +135,55 @@ class NavigationContent:
 
 
 @dataclass(frozen=True, slots=True)
+class ColumnContent:
+    """One column of a sensor log.
+
+    Parameters
+    ----------
+    name : str
+        Name with its unit.
+    share : float
+        Share of the samples that have a value, 0 to 1.
+    smallest, mean, largest : float or None
+        Of the values; of a flag, the mean is the share of the samples that raise it.
+    """
+
+    name: str
+    share: float
+    smallest: float | None
+    mean: float | None
+    largest: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class SensorContent:
+    """Samples of a sensor.
+
+    Parameters
+    ----------
+    kind : str
+        ``gyro``, ``compass``, ``tilt``... as `truenorth.sensor_log.SensorLog` has it.
+    n_samples : int
+        Number of samples.
+    rate_hz : float or None
+        One over the interval of the time stamps.
+    has_time : bool
+        Whether the log has time stamps; without, the samples are counted at the nominal rate.
+    columns : tuple of ColumnContent
+        What the samples hold.
+    rejected : dict of str to int
+        Damaged packets, bytes, lines... that are left out, by name; only those that were counted.
+    """
+
+    kind: str
+    n_samples: int
+    rate_hz: float | None
+    has_time: bool
+    columns: tuple[ColumnContent, ...]
+    rejected: dict[str, int]
+
+
+@dataclass(frozen=True, slots=True)
 class Inventory:
     """What a file holds; None and empty where it is silent.
 
@@ -165,6 +225,8 @@ class Inventory:
         Event records: ``time_gpst``, ``flag``, ``text``.
     navigation : NavigationContent or None
         Broadcast ephemerides.
+    sensor : SensorContent or None
+        Samples of a sensor; then the epochs are the samples.
     warnings : tuple of str
         What had to be mended or left out.
     """
@@ -199,6 +261,7 @@ class Inventory:
     glonass_channels: dict[str, int] = field(default_factory=dict)
     events: tuple[dict[str, str | int | None], ...] = ()
     navigation: NavigationContent | None = None
+    sensor: SensorContent | None = None
     warnings: tuple[str, ...] = ()
 
     def to_dict(self):
@@ -255,6 +318,8 @@ def summarize(path):
         fields |= _of_observations(observations)
         if len(navigation.kepler) + len(navigation.states):
             fields |= {"navigation": _of_navigation(navigation)}
+    elif form.holds == "sensor":
+        fields |= _of_sensor(content)
     else:
         fields |= _of_orbits(content)
     return Inventory(**fields)
@@ -280,13 +345,59 @@ def _span(time_ns):
     rounded, counts = np.unique((steps + _STEP_NS // 2) // _STEP_NS, return_counts=True)
     common = rounded[(counts >= _MIN_SHARE_OF_STEPS * len(steps)) & (rounded > 0)]
     interval_ns = int(common[0]) * _STEP_NS if len(common) else int(np.median(steps))
+    return fields | {"interval_s": interval_ns / NS_PER_S, "gaps": _gaps(time_ns, interval_ns)}
+
+
+def _gaps(time_ns, interval_ns):
+    """All steps that are too long for the interval."""
+    steps = np.diff(time_ns)
     gaps = []
     for k in np.flatnonzero(steps > _GAP_INTERVALS * interval_ns):
         missing = round(float(steps[k]) / interval_ns) - 1
         gaps.append(
             Gap(format_gpst(time_ns[k]), format_gpst(time_ns[k + 1]), float(steps[k]) / NS_PER_S, missing)
         )
-    return fields | {"interval_s": interval_ns / NS_PER_S, "gaps": tuple(gaps)}
+    return tuple(gaps)
+
+
+def _of_sensor(log):
+    """Fields of `Inventory` of a sensor log."""
+    time_ns = log.time_ns
+    has_time = log.meta.get("time") != "counted"
+    fields = _span(time_ns)
+    interval_s = None
+    steps = np.diff(time_ns)
+    if len(steps):
+        regular = steps[steps <= _GAP_INTERVALS * np.median(steps)]
+        interval_ns = max(float(np.mean(regular)), 1.0)
+        interval_s = round(interval_ns / NS_PER_S, 6)
+        fields |= {"interval_s": interval_s, "gaps": _gaps(time_ns, interval_ns)}
+    if not has_time:
+        fields |= {"start_gpst": "", "end_gpst": ""}
+    columns = []
+    for name, column in log.columns.items():
+        values = np.asarray(column, dtype=float)
+        values = values[np.isfinite(values)]
+        columns.append(
+            ColumnContent(
+                name=name,
+                share=len(values) / max(log.n_samples, 1),
+                smallest=float(values.min()) if len(values) else None,
+                mean=float(values.mean()) if len(values) else None,
+                largest=float(values.max()) if len(values) else None,
+            )
+        )
+    prefix = "n_rejected_"
+    sensor = SensorContent(
+        kind=log.kind,
+        n_samples=log.n_samples,
+        rate_hz=None if not interval_s else round(1.0 / interval_s, 4),
+        has_time=has_time,
+        columns=tuple(columns),
+        rejected={k.removeprefix(prefix): int(v) for k, v in log.meta.items() if k.startswith(prefix)},
+    )
+    warnings = tuple(filter(None, str(log.meta.get("warnings", "")).split("\n")))
+    return fields | {"sensor": sensor, "warnings": warnings}
 
 
 def _of_observations(observations):
@@ -444,7 +555,9 @@ def _lines(inventory):
     if inventory.start_gpst:
         span = f"{inventory.start_gpst} to {inventory.end_gpst} GPST ({_duration(inventory.duration_s)})"
         pairs.append(("span", span))
-    if inventory.n_epochs:
+    if inventory.sensor is not None:
+        pairs += _sensor_pairs(inventory.sensor)
+    elif inventory.n_epochs:
         text = f"{inventory.n_epochs}"
         if inventory.interval_s is not None:
             text += f", every {inventory.interval_s:g} s"
@@ -487,7 +600,29 @@ def _lines(inventory):
     pairs += [("warning", text) for text in inventory.warnings]
     lines = [inventory.path]
     lines += [f"  {name:<17}{text}".rstrip() for name, text in pairs if text]
+    if inventory.sensor is not None:
+        lines += _column_table(inventory.sensor)
     return lines + _signal_table(inventory.systems)
+
+
+def _sensor_pairs(sensor):
+    text = f"{sensor.n_samples}"
+    if sensor.rate_hz is not None:
+        text += f", {sensor.rate_hz:g} Hz" + ("" if sensor.has_time else " (assumed; no time stamps)")
+    pairs = [("sensor", sensor.kind), ("samples", text)]
+    if sensor.rejected:
+        pairs.append(("rejected", ", ".join(f"{n} {name}" for name, n in sensor.rejected.items())))
+    return pairs
+
+
+def _column_table(sensor):
+    width = max([18, *(len(column.name) for column in sensor.columns)])
+    lines = [f"  {'column':<{width}}{'given':>7}{'smallest':>12}{'mean':>12}{'largest':>12}"]
+    for column in sensor.columns:
+        values = [column.smallest, column.mean, column.largest]
+        cells = "".join(f"{'' if value is None else f'{value:.6g}':>12}" for value in values)
+        lines.append(f"  {column.name:<{width}}{column.share:>7.0%}{cells}".rstrip())
+    return lines
 
 
 def _wrapped(name, items, per_line=8):

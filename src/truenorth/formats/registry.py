@@ -36,7 +36,7 @@ class Format:
     title : str
         Name in sentences.
     holds : str
-        ``"observations"``, ``"navigation"``, ``"both"`` or ``"orbits"``.
+        ``"observations"``, ``"navigation"``, ``"both"``, ``"orbits"`` or ``"sensor"``.
     recognise : callable
         Takes the first bytes of the content, tells whether they are of this format.
     read : callable
@@ -88,6 +88,24 @@ def _is_ubx(head):
     return False
 
 
+def _is_fog_log(head):
+    from .fog_packet import is_fog_log
+
+    return is_fog_log(head)
+
+
+def _is_fog_packets(head):
+    from .fog_packet import is_packet_stream
+
+    return is_packet_stream(head)
+
+
+def _is_tcm2(head):
+    from .tcm2 import is_tcm2
+
+    return is_tcm2(head)
+
+
 def _read_rinex_obs(data, path):
     from .rinex_obs import parse_rinex_obs
 
@@ -112,11 +130,29 @@ def _read_ubx(data, path):
     return parse_ubx(data, path=path)
 
 
+def _read_fog_packets(data, path):
+    from .fog_packet import parse_fog_packets
+
+    return parse_fog_packets(data, path=path)
+
+
+def _read_tcm2(data, path):
+    from .tcm2 import parse_tcm2
+
+    return parse_tcm2(data, path=path)
+
+
 FORMATS = (
     Format("rinex_obs", "a RINEX observation file", "observations", _is_rinex_obs, _read_rinex_obs),
     Format("rinex_nav", "a RINEX navigation file", "navigation", _is_rinex_nav, _read_rinex_nav),
     Format("sp3", "an SP3 orbit file", "orbits", _is_sp3, _read_sp3),
     Format("ubx", "a UBX log", "both", _is_ubx, _read_ubx),
+    Format("fog_log", "a log of fibre-optic gyro packets", "sensor", _is_fog_log, _read_fog_packets),
+    Format("tcm2", "a log of TCM2 compass sentences", "sensor", _is_tcm2, _read_tcm2),
+    # Last: the stream has no mark but the pattern of its highest bits.
+    Format(
+        "fog_packets", "a stream of fibre-optic gyro packets", "sensor", _is_fog_packets, _read_fog_packets
+    ),
 )
 """All formats, in the order in which they are tried."""
 
@@ -184,7 +220,10 @@ def _not_recognised(data):
         what = f"the format is not recognised, the file begins with {shown!r}"
     else:
         what = f"the format is not recognised, the file begins with bytes {data[:4].hex(' ')}"
-    return what + "; RINEX observations and navigation, UBX logs and SP3 orbits are read"
+    return what + (
+        "; RINEX observations and navigation, UBX logs, SP3 orbits and logs of gyro packets and TCM2 "
+        "sentences are read"
+    )
 
 
 def sniff(path):
@@ -198,7 +237,7 @@ def sniff(path):
     Returns
     -------
     str
-        ``"rinex_obs"``, ``"rinex_nav"``, ``"sp3"`` or ``"ubx"``.
+        The name of one of `FORMATS`: ``"rinex_obs"``, ``"rinex_nav"``, ``"sp3"``, ``"ubx"``...
 
     Raises
     ------
@@ -218,9 +257,9 @@ def read(path):
 
     Returns
     -------
-    Observations, Navigation, tuple or orbits
+    Observations, Navigation, tuple, orbits or SensorLog
         `Observations` of a RINEX observation file, `Navigation` of a RINEX navigation file, both in a
-        tuple of a UBX log, the orbit table of an SP3 file.
+        tuple of a receiver's own log, the orbit table of an SP3 file, `SensorLog` of a sensor's log.
 
     Raises
     ------
