@@ -10,9 +10,10 @@ import math
 import os
 import re
 import tomllib
+import types
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal, NoReturn, TypeVar, get_args, get_origin
+from typing import Any, Literal, NoReturn, TypeVar, Union, get_args, get_origin
 
 import msgspec
 
@@ -468,13 +469,19 @@ def convert_settings(table: dict[str, Any], kind: type[Section], *, prefix: str 
 
 def _refuse_unknown(table: Any, kind: Any, prefix: str) -> None:
     """Refuse keys that a struct does not have, at any depth, suggesting the nearest one."""
-    if get_origin(kind) is tuple and isinstance(table, list):
+    if get_origin(kind) is tuple and isinstance(table, list | tuple):
         for k, item in enumerate(table):
             _refuse_unknown(item, get_args(kind)[0], f"{prefix.removesuffix('.')}[{k}].")
-    if not (isinstance(kind, type) and issubclass(kind, msgspec.Struct) and isinstance(table, dict)):
+    if not isinstance(table, dict):
         return
-    kinds = {entry.name: entry.type for entry in msgspec.structs.fields(kind)}
+    struct = _struct_for(table, kind, prefix)
+    if struct is None:
+        return
+    kinds = {entry.name: entry.type for entry in msgspec.structs.fields(struct)}
+    tag = struct.__struct_config__.tag_field
     for key, value in table.items():
+        if key == tag:
+            continue
         if key not in kinds:
             near = difflib.get_close_matches(key, kinds, n=1, cutoff=0.5)
             hint = f"did you mean `{near[0]}`?" if near else "known are " + ", ".join(list(kinds)[:8])
@@ -482,6 +489,25 @@ def _refuse_unknown(table: Any, kind: Any, prefix: str) -> None:
                 hint += " ... (the settings file beside any result holds them all)"
             raise ConfigError(f"`{prefix}{key}` is not a setting; {hint}", key=prefix + key, value=value)
         _refuse_unknown(value, kinds[key], f"{prefix}{key}.")
+
+
+def _struct_for(table: dict[str, Any], kind: Any, prefix: str) -> type[msgspec.Struct] | None:
+    """The struct that a table is meant for; of several kinds the one that its tag names."""
+    options = get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
+    structs = [
+        option for option in options if isinstance(option, type) and issubclass(option, msgspec.Struct)
+    ]
+    if len(structs) < 2:
+        return structs[0] if structs else None
+    configs = {struct.__struct_config__.tag: struct for struct in structs}
+    tag_field = structs[0].__struct_config__.tag_field
+    wanted = table.get(str(tag_field))
+    if wanted not in configs:
+        known = ", ".join(str(tag) for tag in configs)
+        said = "is missing" if wanted is None else f"is {wanted!r}"
+        key = f"{prefix}{tag_field}"
+        raise ConfigError(f"`{key}` {said}; give one of {known}", key=key, value=wanted)
+    return configs[wanted]
 
 
 def _choices(kind: Any, place: str) -> str:
