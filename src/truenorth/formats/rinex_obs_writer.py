@@ -35,7 +35,10 @@ _KINDS = "CLDS"
 _VALUES = ("code_m", "phase_cyc", "doppler_hz", "cn0_dbhz")
 _ORDER = (GPS, GLONASS, GALILEO, QZSS, BEIDOU, NAVIC, SBAS)
 _NS_PER_TICK = 100
-_BUFFER_BYTES = 1 << 20
+_TICKS_PER_DAY = 864_000_000_000
+_HEAD_BYTES = 57  # of the longest epoch line with its line feed
+_ROWS_AT_ONCE = 16_384
+_LOWEST, _HIGHEST = -999_999_999.9995, 9_999_999_999.9995
 _GLONASS_BIASES = ("C1C", "C1P", "C2C", "C2P")
 _EVENT_FLAGS = (2, 3, 4, 5)
 # Header lines within the file that would change what the columns mean.
@@ -194,7 +197,7 @@ class RinexObservationWriter:
             self._write_header(observations)
         if observations.n_epochs:
             times = time_ns if self._last_ns is None else np.concatenate(([self._last_ns], time_ns))
-            ticks = (times + _NS_PER_TICK // 2) // _NS_PER_TICK
+            ticks = _ticks(times)
             if np.any(np.diff(ticks) <= 0):
                 at = int(np.flatnonzero(np.diff(ticks) <= 0)[0]) + 1
                 raise FormatError(
@@ -240,56 +243,130 @@ class RinexObservationWriter:
         self._tables = _tables(self._types)
 
     def _write_epochs(self, observations, flag, first, last):
-        from .._kernels import rinex_write as body
-
-        if first >= last:
-            return
-        letters, slots, places, line_bytes = self._tables
+        """Write epochs in pieces that stay in the processor's cache."""
         start = observations.epoch_start
-        most_rows = int(np.max(np.diff(start[first : last + 1])))
-        out = np.empty(max(_BUFFER_BYTES, body.EPOCH_LINE_BYTES + most_rows * line_bytes), dtype=np.uint8)
-        columns = tuple(
-            np.require(column, dtype, "CW")
-            for column, dtype in (
-                ((observations.time_ns + _NS_PER_TICK // 2) // _NS_PER_TICK, np.int64),
-                (flag, np.uint8),
-                (observations.clock_offset_s, np.float64),
-                (start, np.int64),
-                (observations.sat, np.int16),
-                (observations.signal, np.int16),
-                (observations.code_m, np.float64),
-                (observations.phase_cyc, np.float64),
-                (observations.doppler_hz, np.float64),
-                (observations.cn0_dbhz, np.float64),
-                (observations.lli, np.uint8),
-            )
-        )
         while first < last:
-            outcome, first, row, n_bytes = body.write_epochs(
-                first, last, out, letters, slots, places, line_bytes, *columns
-            )
-            self._file.write(out[:n_bytes].data)
-            if outcome in (body.UNDECLARED, body.TOO_WIDE):
-                when = format_gpst(observations.time_ns[first])
-                self._refuse(observations, int(row), when, outcome == body.UNDECLARED)
+            stop = int(np.searchsorted(start, start[first] + _ROWS_AT_ONCE, side="right")) - 1
+            stop = min(max(stop, first + 1), last)
+            self._file.write(self._body(observations, flag, first, stop))
+            first = stop
 
-    def _refuse(self, observations, row, when, undeclared):
-        name = "the epoch"
-        if row < observations.n_rows:
-            sat, signal = int(observations.sat[row]), int(observations.signal[row])
-            name = f"{sat_name(sat)} {signal_name(signal)}"
-        if undeclared:
-            message = (
-                f"{name} at {when} GPST has a signal or observable that the header does not declare; give "
-                "the observation types of the whole session"
+    def _body(self, observations, flag, first, last):
+        from .._kernels.rinex_write import write_epochs
+
+        letters, places, line_bytes = self._tables
+        start = observations.epoch_start[first : last + 1]
+        rows = slice(int(start[0]), int(start[-1]))
+        sat, signal = observations.sat[rows], observations.signal[rows]
+        mantissa, field_at = self._fields(observations, rows, places[sat // 100, signal])
+        new_line = np.ones(len(sat) + 1, dtype=np.int64)
+        new_line[1:-1] = sat[1:] != sat[:-1]
+        new_line[start[:-1] - rows.start] = 1
+        lines_before = np.concatenate(([0], np.cumsum(new_line[:-1])))
+        n_sats = np.diff(lines_before[start - rows.start])
+        heads, head_bytes = self._heads(
+            observations.time_ns[first:last],
+            flag[first:last],
+            n_sats,
+            observations.clock_offset_s[first:last],
+        )
+        with np.errstate(invalid="ignore"):
+            strength = np.clip(observations.cn0_dbhz[rows] // 6.0, 1, 9)
+        out = np.empty(heads.size + int(lines_before[-1]) * line_bytes, dtype=np.uint8)
+        n_bytes = write_epochs(
+            out, line_bytes, letters, heads, head_bytes,
+            np.ascontiguousarray(start - rows.start),
+            np.require(sat, np.int16, "CW"),
+            mantissa, field_at,
+            observations.lli[rows] & np.uint8(3),
+            np.nan_to_num(strength, nan=0.0).astype(np.uint8),
+        )  # fmt: skip
+        return out[:n_bytes].data
+
+    def _fields(self, observations, rows, field_at):
+        """Values in units of 0.001 and their places; refuses what has no place or no room."""
+        from .._kernels.rinex_write import MISSING
+
+        values = np.column_stack([getattr(observations, name)[rows] for name in _VALUES])
+        there = np.isfinite(values)
+        needed = there.copy()
+        needed[:, 1] |= (observations.lli[rows] & 3) != 0
+        with np.errstate(invalid="ignore"):
+            wide = there & ~((values < _HIGHEST) & (values > _LOWEST))
+            mantissa = np.rint(np.where(there & ~wide, values, 0.0) * 1000.0).astype(np.int64)
+        for bad, why in (
+            (needed & (field_at < 0), "and is not declared in the header; declare the types of all epochs"),
+            (wide, "that has no room in a field F14.3; it must lie within -999999999.999 and 9999999999.999"),
+        ):
+            if np.any(bad):
+                row, kind = (int(k[0]) for k in np.nonzero(bad))
+                epoch = int(np.searchsorted(observations.epoch_start, rows.start + row, side="right")) - 1
+                name = sat_name(int(observations.sat[rows.start + row]))
+                name += " " + _KINDS[kind] + signal_name(int(observations.signal[rows.start + row]))
+                raise FormatError(
+                    f"{name} at {format_gpst(observations.time_ns[epoch])} GPST has the value "
+                    f"{values[row, kind]} {why}",
+                    path=self._path,
+                )
+        mantissa[~there] = MISSING
+        return mantissa, field_at
+
+    def _heads(self, time_ns, flag, n_sats, clock_s):
+        """Epoch lines as rows of bytes, and how many bytes of each count."""
+        clock = np.isfinite(clock_s)
+        picoseconds = np.rint(np.where(clock, np.abs(clock_s), 0.0) * 1e12)
+        if np.any(n_sats > 999) or np.any(picoseconds >= np.where(clock_s < 0, 1e13, 1e14)):
+            raise FormatError(
+                "an epoch has more than 999 satellites, or a receiver clock offset without room in its field "
+                "F15.12; it must lie within -9.9 s and 99.9 s",
+                path=self._path,
             )
-        else:
-            values = ", ".join(f"{getattr(observations, v)[row : row + 1]}" for v in _VALUES)
-            message = (
-                f"{name} at {when} GPST has a value without room in its field (code, phase, Doppler, C/N0: "
-                f"{values}); an F14.3 field holds -999999999.999 to 9999999999.999"
-            )
-        raise FormatError(message, path=self._path)
+        picoseconds = picoseconds.astype(np.int64)
+        ticks = _ticks(time_ns)
+        day = gpst_to_datetime64(ticks // _TICKS_PER_DAY * _TICKS_PER_DAY * _NS_PER_TICK).astype("M8[D]")
+        month = day.astype("M8[M]")
+        year = day.astype("M8[Y]").astype(np.int64) + 1970
+        of_year = month.astype(np.int64) % 12 + 1
+        of_month = (day - month).astype(np.int64) + 1
+        minutes, in_minute = ticks // 600_000_000, ticks % 600_000_000
+        heads = np.full((len(time_ns), _HEAD_BYTES), ord(" "), dtype=np.uint8)
+        heads[:, 0] = ord(">")
+        for end, value, n_digits, zeros in (
+            (6, year, 4, True),
+            (9, of_year, 2, True),
+            (12, of_month, 2, True),
+            (15, minutes // 60 % 24, 2, True),
+            (18, minutes % 60, 2, True),
+            (21, in_minute // 10_000_000, 2, False),
+            (29, in_minute % 10_000_000, 7, True),
+            (32, flag.astype(np.int64), 1, True),
+            (35, n_sats, 3, False),
+        ):
+            _put(heads, end, value, n_digits, zeros)
+        heads[:, 21] = ord(".")
+        if np.any(clock):
+            clocks = np.full((len(time_ns), _HEAD_BYTES - 35), ord(" "), dtype=np.uint8)
+            _put(clocks, 8, picoseconds // 10**12, 2, False)
+            _put(clocks, 21, picoseconds % 10**12, 12, True)
+            clocks[:, 8] = ord(".")
+            clocks[(clock_s < 0) & (picoseconds > 0), 6] = ord("-")
+            clocks[:, -1] = ord("\n")
+            heads[clock, 35:] = clocks[clock]
+        heads[~clock, 35] = ord("\n")
+        return heads, np.where(clock, _HEAD_BYTES, 36)
+
+
+def _ticks(time_ns):
+    """Time in units of 100 ns, the resolution of an epoch line."""
+    return (time_ns + _NS_PER_TICK // 2) // _NS_PER_TICK
+
+
+def _put(lines, end, value, n_digits, zeros):
+    """Write integers into columns of text so that they end before `end`; leading zeros, or blanks."""
+    for k in range(n_digits):
+        digit = value // 10**k
+        shown = ord("0") + digit % 10
+        lines[:, end - 1 - k] = shown if zeros or k == 0 else np.where(digit > 0, shown, ord(" "))
 
 
 def _open(path):
@@ -330,20 +407,13 @@ def _full_types(types):
 
 
 def _tables(types):
-    """Arrays of the kernel that describe the columns."""
+    """Letters of the systems, places of all fields by system, signal and kind, longest line."""
     letters = np.frombuffer(SYSTEMS.encode(), dtype=np.uint8).copy()
-    slots = np.full((len(SYSTEMS), 1000), -1, dtype=np.int64)
-    most = max(len(names) for names in types.values())
-    places = np.full((len(SYSTEMS), most, 4), -1, dtype=np.int64)
+    places = np.full((len(SYSTEMS), 1000, len(_KINDS)), -1, dtype=np.int64)
     for letter, names in types.items():
-        system = SYSTEMS.index(letter)
-        signals = {}
         for column, name in enumerate(names):
-            slot = signals.setdefault(signal_id(name[1:]), len(signals))
-            places[system, slot, _KINDS.index(name[0])] = 3 + 16 * column
-        for signal, slot in signals.items():
-            slots[system, signal] = slot
-    return letters, slots, places, 3 + 16 * most + 1
+            places[SYSTEMS.index(letter), signal_id(name[1:]), _KINDS.index(name[0])] = 3 + 16 * column
+    return letters, places, 3 + 16 * max(len(names) for names in types.values()) + 1
 
 
 # --------------------------------------------------------------------------------------- header
@@ -400,7 +470,7 @@ def _date(gpst_ns):
 
 
 def _first_epoch(gpst_ns):
-    ticks = (gpst_ns + _NS_PER_TICK // 2) // _NS_PER_TICK
+    ticks = _ticks(gpst_ns)
     moment = gpst_to_datetime64(ticks // 600_000_000 * 60 * NS_PER_S)
     year, month, day = (int(part) for part in str(moment)[:10].split("-"))
     hour, minute = (int(part) for part in str(moment)[11:16].split(":"))
@@ -454,7 +524,7 @@ def _event_text(event: ObservationEvent) -> bytes:
     texts = [text for text in texts if text[60:80].strip() not in _COLUMN_LABELS]
     when = " " * 28
     if event.time_ns is not None:
-        ticks = (event.time_ns + _NS_PER_TICK // 2) // _NS_PER_TICK
+        ticks = _ticks(event.time_ns)
         stamp = format_gpst(ticks * _NS_PER_TICK, decimals=7)
         when = f" {stamp[:4]} {stamp[5:7]} {stamp[8:10]} {stamp[11:13]} {stamp[14:16]}"
         when += f" {int(stamp[17:19]):2d}.{stamp[20:]}"
