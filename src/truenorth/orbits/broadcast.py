@@ -56,7 +56,7 @@ class SatelliteStates:
 
 
 def compute_satellite_states(
-    navigation, sat, time_ns, *, ephemeris=None, precise=None, include_unhealthy=False
+    navigation, sat, time_ns, *, delay_s=0.0, ephemeris=None, precise=None, include_unhealthy=False
 ):
     """Compute where satellites are at given instants of GPS time.
 
@@ -68,6 +68,8 @@ def compute_satellite_states(
         Satellites, see `truenorth.observations.sat_id`.
     time_ns : int or ndarray of int64, shape (n,)
         GPS time, nanoseconds.
+    delay_s : float or ndarray, shape (n,)
+        Taken off the time, seconds; for instants finer than a nanosecond.
     ephemeris : ndarray of int, shape (n,), optional
         Rows to use, as `select_ephemerides` returns them; -1 for none. Chosen by time if not given.
     precise : PreciseOrbits, optional
@@ -90,7 +92,8 @@ def compute_satellite_states(
     1
     """
     sat = np.array(sat, dtype=np.int64, order="C", ndmin=1)
-    return _states(navigation, sat, time_ns, np.zeros(len(sat)), False, ephemeris, precise, include_unhealthy)
+    delay_s = np.array(np.broadcast_to(np.asarray(delay_s, dtype=np.float64), sat.shape))
+    return _states(navigation, sat, time_ns, delay_s, False, ephemeris, precise, include_unhealthy)
 
 
 def _states(navigation, sat, time_ns, delay_s, is_reception, ephemeris, precise, include_unhealthy):
