@@ -102,3 +102,30 @@ def _info(
     from .info import info
 
     info(files, as_json)
+
+
+@app.command("simulate")
+@_guarded
+def _simulate(
+    scenario: Annotated[
+        str | None, typer.Argument(help="A scenario's name (see --list) or TOML file.", metavar="SCENARIO")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder to write; by default the name.")] = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change a setting, e.g. duration_s=60.", metavar="KEY=VALUE"),
+    ] = None,
+    show_list: Annotated[bool, typer.Option("--list", help="List the scenarios of the package.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """Simulate raw data of antennas and sensors with known truth: a complete session."""
+    from ..errors import ConfigError
+    from .simulate import list_scenarios, simulate_scenario
+
+    if show_list:
+        list_scenarios(as_json=as_json)
+        return
+    if scenario is None:
+        raise ConfigError("name a scenario or a TOML file; `truenorth simulate --list` shows what there is")
+    folder = out or Path(Path(scenario).name.removesuffix(".toml"))
+    simulate_scenario(scenario, folder, overrides or [], as_json=as_json)

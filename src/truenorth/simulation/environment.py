@@ -18,9 +18,9 @@ class EnvironmentSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     """The ``[environment]`` table."""
 
     signal_model: Literal["full", "oguz_2006"] = "full"
-    """``full``: every term on code and phase. ``oguz_2006``: phases are those of the error-free range, without
-    clocks or atmosphere; the satellites' clocks enter the codes as a bias and white noise, ionosphere and
-    troposphere with white noise (Oguz 2006, sec. 2.2.5)."""
+    """``full``: every term on code and phase. ``oguz_2006``: phases are those of the error-free range,
+    without clocks or atmosphere; the satellites' clocks enter the codes as a bias and white noise,
+    ionosphere and troposphere with white noise (Oguz 2006, sec. 2.2.5)."""
     ionosphere: Literal["klobuchar", "none"] = "klobuchar"
     ionosphere_factor: float = 1.0
     """The true delay is so many times what the broadcast model says."""

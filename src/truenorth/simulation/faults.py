@@ -103,7 +103,7 @@ Fault = SlipFault | BlunderFault | LostFault | DeadFault
 
 
 class ScheduledSlips(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """So many slips at random instants, receivers and satellites in view; without flags (Wang 2002, sec. 4)."""
+    """So many unflagged slips at random instants, receivers and satellites in view (Wang 2002, sec. 4)."""
 
     count: int = 0
     min_cycles: int = 1
@@ -118,7 +118,7 @@ class ScheduledSlips(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
             _refuse("max_cycles", self.max_cycles, "`min_cycles` or more, and that 1 or more")
 
     def draw(self, generator, duration_s, n_antennas):
-        """Instants (s), antenna index, place in the list of satellites (0 to 1), cycles; shape (count,) each."""
+        """Instants (s), antennas, places in the list of satellites (0 to 1), cycles; shape (count,) each."""
         time = np.sort(generator.uniform(self.start_s, max(duration_s, self.start_s), self.count))
         antenna = generator.integers(0, n_antennas, self.count)
         place = generator.uniform(0.0, 1.0, self.count)

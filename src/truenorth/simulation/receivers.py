@@ -48,7 +48,7 @@ class ClockSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     random_walk_frequency: float = 1e-11
     """Random walk of the frequency, per square root of a second."""
     jump_s: float = 0.0
-    """Where the offset exceeds half of this, it is set back by this (0.001: millisecond jumps); 0 for none."""
+    """Where the offset exceeds half of this, it is set back by this (0.001: millisecond jumps); 0: never."""
     jump_phase: bool = True
     """Phases jump with the codes and stay consistent with them."""
     oscillator: str = ""
@@ -143,20 +143,23 @@ class BiasSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """Inter-channel bias of GLONASS FDMA phases."""
 
 
+_SIGNALS = {
+    "G": ("1C", "2W"),
+    "R": ("1C", "2C"),
+    "E": ("1C", "5Q"),
+    "C": ("2I", "7I"),
+    "J": ("1C", "2L"),
+}
+
+
 class ReceiverSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A receiver and its antenna; the ``[receiver]`` table holds for all, an antenna's own table overrides."""
+    """A receiver and its antenna; ``[receiver]`` holds for all, an antenna's own table is laid over it."""
 
     type: str = "TRUENORTH SIMULATOR"
     """Name in the RINEX header."""
     antenna_type: str = ""
     """IGS name of the antenna; with the scenario's `antex` file its phase centre is applied."""
-    signals: dict[str, tuple[str, ...]] = {
-        "G": ("1C", "2W"),
-        "R": ("1C", "2C"),
-        "E": ("1C", "5Q"),
-        "C": ("2I", "7I"),
-        "J": ("1C", "2L"),
-    }
+    signals: dict[str, tuple[str, ...]] = msgspec.field(default_factory=lambda: dict(_SIGNALS))
     """RINEX signals by system letter; systems that are not named are not tracked."""
     channels: int = 0
     """Satellites tracked at once, the highest first; 0 for no limit."""
@@ -193,7 +196,7 @@ class ReceiverSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 
 # Chip lengths in metres by system letter and band digit; 293 m where not named.
 _CHIP_M = {
-    "G5": 29.3, "J5": 29.3, "E5": 29.3, "E7": 29.3, "E8": 29.3, "E6": 58.6, "J6": 58.6, "I5": 293.1, "S5": 29.3,
+    "G5": 29.3, "J5": 29.3, "E5": 29.3, "E7": 29.3, "E8": 29.3, "E6": 58.6, "J6": 58.6, "S5": 29.3,
     "R1": 586.7, "R2": 586.7, "R3": 29.3, "C2": 146.5, "C7": 146.5, "C6": 29.3, "C5": 29.3, "C8": 29.3,
     "G2W": 29.3, "G1W": 29.3, "G1P": 29.3, "G2P": 29.3, "R1P": 58.7, "R2P": 58.7,
 }  # fmt: skip
