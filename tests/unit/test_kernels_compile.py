@@ -40,6 +40,7 @@ print(json.dumps(found))
 
 # Kernels that a solution from RINEX by these methods has no use for, and which public function has.
 _FACTORS = "ambiguity.lambda_ on a float solution and its covariance"
+_WRITING = "formats.write_rinex_observations"
 _ARRAYS = "ambiguity.exhaustive with several baselines at once"
 UNUSED = {
     "exhaustive._attitude_step": _ARRAYS,
@@ -53,6 +54,8 @@ UNUSED = {
     "ldl.ldl_factor": _FACTORS,
     "ldl.reduce_": "the readable twin of `ldl.decorrelate`, compared with it in the tests",
     "orbits.interpolate_orbits": "orbits.precise, from SP3",
+    "rinex_write._digits": _WRITING,
+    "rinex_write.write_epochs": _WRITING,
 }
 
 

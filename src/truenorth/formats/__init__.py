@@ -1,12 +1,34 @@
-"""Reading files: observations, navigation, orbits, in whatever packing they come.
+"""Reading files: observations, navigation, orbits, in whatever packing they come; and writing them.
 
 `read` recognises a file by its content; `read_observations` and `read_navigation` say what they
-expect; `summarize` tells what a file holds.
+expect; `summarize` tells what a file holds. Writers are loaded when they are used.
 """
+
+import importlib
+from typing import Any
 
 from .registry import FORMATS, read, read_navigation, read_observations, sniff
 
-__all__ = ["FORMATS", "read", "read_navigation", "read_observations", "sniff", "summarize"]
+_WRITERS = {
+    "RinexObservationWriter": "rinex_obs_writer",
+    "write_rinex_observations": "rinex_obs_writer",
+}
+
+__all__ = [  # noqa: PLE0604  (the keys are strings)
+    "FORMATS",
+    "read",
+    "read_navigation",
+    "read_observations",
+    "sniff",
+    "summarize",
+    *_WRITERS,
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _WRITERS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f".{_WRITERS[name]}", __name__), name)
 
 
 def summarize(path):

@@ -38,7 +38,7 @@ _NS_PER_TICK = 100
 _TICKS_PER_DAY = 864_000_000_000
 _HEAD_BYTES = 57  # of the longest epoch line with its line feed
 _ROWS_AT_ONCE = 16_384
-_LOWEST, _HIGHEST = -999_999_999.9995, 9_999_999_999.9995
+_LOWEST, _HIGHEST = -999_999_999_999, 9_999_999_999_999  # thousandths that have room in F14.3
 _GLONASS_BIASES = ("C1C", "C1P", "C2C", "C2P")
 _EVENT_FLAGS = (2, 3, 4, 5)
 # Header lines within the file that would change what the columns mean.
@@ -137,12 +137,6 @@ class RinexObservationWriter:
     ------
     FormatError
         If the file cannot be opened.
-
-    Examples
-    --------
-    >>> with RinexObservationWriter("fore.obs", types={"G": ["1C", "2W"]}, marker="FORE") as writer:
-    ...     for block in blocks:
-    ...         writer.write_block(block)  # doctest: +SKIP
     """
 
     def __init__(
@@ -291,9 +285,8 @@ class RinexObservationWriter:
         there = np.isfinite(values)
         needed = there.copy()
         needed[:, 1] |= (observations.lli[rows] & 3) != 0
-        with np.errstate(invalid="ignore"):
-            wide = there & ~((values < _HIGHEST) & (values > _LOWEST))
-            mantissa = np.rint(np.where(there & ~wide, values, 0.0) * 1000.0).astype(np.int64)
+        units = np.rint(np.clip(np.where(there, values, 0.0), -1e12, 1e12) * 1000.0)
+        wide = (units > _HIGHEST) | (units < _LOWEST)
         for bad, why in (
             (needed & (field_at < 0), "and is not declared in the header; declare the types of all epochs"),
             (wide, "that has no room in a field F14.3; it must lie within -999999999.999 and 9999999999.999"),
@@ -308,13 +301,13 @@ class RinexObservationWriter:
                     f"{values[row, kind]} {why}",
                     path=self._path,
                 )
-        mantissa[~there] = MISSING
+        mantissa = np.where(there, units.astype(np.int64), MISSING)
         return mantissa, field_at
 
     def _heads(self, time_ns, flag, n_sats, clock_s):
         """Epoch lines as rows of bytes, and how many bytes of each count."""
         clock = np.isfinite(clock_s)
-        picoseconds = np.rint(np.where(clock, np.abs(clock_s), 0.0) * 1e12)
+        picoseconds = np.rint(np.clip(np.where(clock, np.abs(clock_s), 0.0), 0.0, 1e3) * 1e12)
         if np.any(n_sats > 999) or np.any(picoseconds >= np.where(clock_s < 0, 1e13, 1e14)):
             raise FormatError(
                 "an epoch has more than 999 satellites, or a receiver clock offset without room in its field "
