@@ -122,6 +122,9 @@ class Reason(IntEnum):
     HOLD_RELEASED = 14
     NO_NAVIGATION = 15
     DIRECTIONS_DISAGREE = 16
+    ROLL_UNOBSERVABLE = 17
+    DIRECTION_ONLY = 18
+    GEOMETRY_TEST = 19
 
 
 REASON_SENTENCES = {
@@ -142,5 +145,8 @@ REASON_SENTENCES = {
     Reason.HOLD_RELEASED: "held integers failed their re-validation and were released",
     Reason.DIRECTIONS_DISAGREE: "forward and backward solutions have different integers",
     Reason.NO_NAVIGATION: "no valid broadcast ephemeris for enough satellites",
+    Reason.ROLL_UNOBSERVABLE: "the antennas that were fixed stand on one line ahead: no roll",
+    Reason.DIRECTION_ONLY: "the antennas that were fixed stand on one line across the body: no angle",
+    Reason.GEOMETRY_TEST: "the baselines contradict the body coordinates; which one is wrong is unclear",
 }
 """One sentence for each `Reason`."""

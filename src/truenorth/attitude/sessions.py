@@ -6,6 +6,8 @@ import os
 from collections.abc import Callable
 
 from ..config import Session
+from .array import solve_array
+from .array_solution import AttitudeSolution
 from .baselines import solve_baseline
 from .solution import BaselineSolution
 
@@ -13,9 +15,12 @@ __all__ = ["solve_session"]
 
 
 def solve_session(
-    session: Session | str | os.PathLike[str], *, progress: Callable[[int, int], None] | None = None
-) -> BaselineSolution:
-    """Baseline between the two antennas of a session at every common epoch.
+    session: Session | str | os.PathLike[str],
+    *,
+    progress: Callable[[int, int], None] | None = None,
+    keep_residuals: bool = False,
+) -> BaselineSolution | AttitudeSolution:
+    """Baseline of two antennas, or attitude of more, at every common epoch of a session.
 
     Parameters
     ----------
@@ -23,11 +28,13 @@ def solve_session(
         The session or its ``session.toml``.
     progress : callable, optional
         Called with (epochs done, epochs in all).
+    keep_residuals : bool
+        Keep the phase residuals of every baseline of an array; those of two antennas are always kept.
 
     Returns
     -------
-    BaselineSolution
-        From the first antenna of the platform to the second.
+    BaselineSolution or AttitudeSolution
+        From the first of two antennas to the second; the attitude where there are three or more.
 
     Raises
     ------
@@ -40,7 +47,16 @@ def solve_session(
     """
     if not isinstance(session, Session):
         session = Session.read(session)
-    base, rover = session.observation_paths
-    return solve_baseline(
-        base, rover, list(session.gnss.navigation), settings=session.settings, progress=progress
-    )
+    paths, navigation = session.observation_paths, list(session.gnss.navigation)
+    if session.is_array:
+        antennas = session.platform.antennas
+        return solve_array(
+            paths,
+            [antenna.position_body_m for antenna in antennas],
+            navigation,
+            names=[antenna.name for antenna in antennas],
+            settings=session.settings,
+            progress=progress,
+            keep_residuals=keep_residuals,
+        )
+    return solve_baseline(*paths, navigation, settings=session.settings, progress=progress)

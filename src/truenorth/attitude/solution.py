@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import Reason, Status
 
-__all__ = ["BaselineSolution", "EpochEvent"]
+__all__ = ["BaselineSolution", "EpochEvent", "SolutionOutputs"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +39,64 @@ class EpochEvent:
     text: str
 
 
+class SolutionOutputs:
+    """What every solution of epochs offers: counts, tables, files and figures."""
+
+    __slots__ = ()
+
+    time_ns: np.ndarray
+    status: np.ndarray
+    reason: np.ndarray
+
+    @property
+    def n_epochs(self) -> int:
+        """int: Number of epochs."""
+        return len(self.time_ns)
+
+    @property
+    def is_accepted(self) -> np.ndarray:
+        """Ndarray of bool, shape (n,): epochs with validated integers (fixed or held)."""
+        return (self.status == Status.FIXED) | (self.status == Status.HELD)
+
+    def reason_counts(self) -> dict[Reason, int]:
+        """Epochs by reason, as ``{Reason: count}`` in order of frequency."""
+        codes, counts = np.unique(self.reason, return_counts=True)
+        order = np.argsort(-counts, kind="stable")
+        return {Reason(int(codes[k])): int(counts[k]) for k in order}
+
+    def to_polars(self) -> Any:
+        """Table of one row per epoch, see `truenorth.export.to_polars`."""
+        from ..export import to_polars
+
+        return to_polars(self)
+
+    def to_xarray(self) -> Any:
+        """Labelled arrays with units along ``time``, see `truenorth.export.to_xarray`."""
+        from ..export import to_xarray
+
+        return to_xarray(self)
+
+    def summary(self) -> dict[str, Any]:
+        """The run in a few numbers, see `truenorth.export.summarize_solution`."""
+        from ..export import summarize_solution
+
+        return summarize_solution(self)
+
+    def write(self, path: str | os.PathLike[str], *, format: str | None = None) -> Path:
+        """Write the result to a file; the suffix names the format, see `truenorth.export.write_solution`."""
+        from ..export import write_solution
+
+        return write_solution(self, path, format=format)
+
+    def plot(self) -> Any:
+        """One page of figures as a ``matplotlib.figure.Figure``, see `truenorth.report.figure_page`."""
+        from ..report import figure_page
+
+        return figure_page(self)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class BaselineSolution:
+class BaselineSolution(SolutionOutputs):
     """Baseline from the base to the rover antenna at every common epoch.
 
     Arrays have one row per epoch; angles are NaN where ``status`` is `Status.NONE`.
@@ -147,53 +203,7 @@ class BaselineSolution:
     candidate_length_sd_m: np.ndarray | None = None
     length_check: dict[str, Any] = field(default_factory=dict)
 
-    @property
-    def n_epochs(self) -> int:
-        """int: Number of epochs."""
-        return len(self.time_ns)
-
-    @property
-    def is_accepted(self) -> np.ndarray:
-        """Ndarray of bool, shape (n,): epochs with validated integers (fixed or held)."""
-        return (self.status == Status.FIXED) | (self.status == Status.HELD)
-
     def __str__(self) -> str:
         """One line: epochs, share accepted."""
         accepted = int(np.count_nonzero(self.is_accepted))
         return f"baseline solution: {self.n_epochs} epochs, {accepted} accepted"
-
-    def reason_counts(self) -> dict[Reason, int]:
-        """Epochs by reason, as ``{Reason: count}`` in order of frequency."""
-        codes, counts = np.unique(self.reason, return_counts=True)
-        order = np.argsort(-counts, kind="stable")
-        return {Reason(int(codes[k])): int(counts[k]) for k in order}
-
-    def to_polars(self) -> Any:
-        """Table of one row per epoch, see `truenorth.export.to_polars`."""
-        from ..export import to_polars
-
-        return to_polars(self)
-
-    def to_xarray(self) -> Any:
-        """Labelled arrays with units along ``time``, see `truenorth.export.to_xarray`."""
-        from ..export import to_xarray
-
-        return to_xarray(self)
-
-    def summary(self) -> dict[str, Any]:
-        """The run in a few numbers, see `truenorth.export.summarize_solution`."""
-        from ..export import summarize_solution
-
-        return summarize_solution(self)
-
-    def write(self, path: str | os.PathLike[str], *, format: str | None = None) -> Path:
-        """Write the result to a file; the suffix names the format, see `truenorth.export.write_solution`."""
-        from ..export import write_solution
-
-        return write_solution(self, path, format=format)
-
-    def plot(self) -> Any:
-        """One page of figures as a ``matplotlib.figure.Figure``, see `truenorth.report.figure_page`."""
-        from ..report import figure_page
-
-        return figure_page(self)

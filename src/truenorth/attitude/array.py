@@ -1,0 +1,453 @@
+"""The attitude of three and more antennas: baselines from the reference antenna, then one rotation.
+
+Call stack: every rover is read and solved against the reference, one after the other, with the length
+that the body coordinates give; the accepted baselines of an epoch, freed of that length, give heading,
+pitch and roll (`truenorth.attitude.vectors`) and must fit the body coordinates. With four antennas or
+more a baseline that does not fit is found by leaving each out in turn.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+
+from ..ambiguity.acceptance import chi2_limits
+from ..config import GnssSettings, convert_settings
+from ..errors import ConfigError, NoSolutionError, Reason, Status
+from ..rotations import heading_pitch_roll
+from ..timescales import NS_PER_S
+from .array_solution import AttitudeSolution
+from .baselines import solve_baseline
+from .provenance import describe_observations
+from .solution import EpochEvent
+from .vectors import angle_covariance, array_extent_m, fit_rotation, weighted_square
+
+__all__ = ["attitude_from_baselines", "solve_array"]
+
+MIN_ACROSS_M = 0.02
+"""Antennas nearer than this to one line leave the rotation about it to the noise of the phases."""
+
+ALONG_X = 0.002
+"""A line of antennas within this angle, radians, of the x axis gives heading and pitch whatever the roll."""
+
+MIN_LENGTH_SD_M = 5e-4
+"""A length better known than this could not be taken out of an adjusted baseline without loss of digits."""
+
+CLEARLY_WORSE = 13.8
+"""The second best exclusion must be worse by this much in chi-square, a likelihood ratio of a thousand."""
+
+BLOCK_EPOCHS = 20_000
+"""Epochs whose rotations are estimated at once, which bounds the memory."""
+
+_NED_FROM_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+
+
+def solve_array(
+    observations,
+    positions_body_m,
+    navigation=(),
+    *,
+    names=None,
+    settings=None,
+    progress=None,
+    keep_residuals=False,
+    **overrides,
+):
+    """Attitude of a rigid array of antennas at every epoch.
+
+    Parameters
+    ----------
+    observations : sequence of path or Observations
+        Raw observations of the antennas, the reference first.
+    positions_body_m : array_like, shape (n_antennas, 3)
+        Where the antennas stand: forward, right, down, metres.
+    navigation : path, sequence of paths or Navigation
+        Broadcast ephemerides; may stay empty where the observation logs hold them (UBX).
+    names : sequence of str, optional
+        Of the antennas.
+    settings : GnssSettings, optional
+        All options; the defaults where omitted. ``length_sd_m`` is how well the body coordinates are
+        known, per distance.
+    progress : callable, optional
+        Called with (epochs done, epochs in all), the baselines one after another.
+    keep_residuals : bool
+        Keep the phase residuals of every baseline, which take more memory than all else.
+    **overrides
+        Single fields of `GnssSettings` by name.
+
+    Returns
+    -------
+    AttitudeSolution
+
+    Raises
+    ------
+    FormatError
+        If a file cannot be read.
+    ConfigError
+        If an option is unknown or impossible, or coordinates and antennas differ in number.
+    NoSolutionError
+        If no antenna has anything in common with the reference that could be solved.
+
+    Examples
+    --------
+    >>> import truenorth
+    >>> files = ["aft.obs", "fore.obs", "mast.obs"]
+    >>> body_m = [(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (1.0, 1.5, -0.5)]
+    >>> solution = truenorth.solve_array(files, body_m, "brdc.nav")  # doctest: +SKIP
+    """
+    settings = settings or GnssSettings()
+    if overrides:
+        table = msgspec.to_builtins(settings) | msgspec.to_builtins(overrides)
+        settings = convert_settings(table, GnssSettings)
+    positions_body_m = np.asarray(positions_body_m, dtype=float)
+    observations = list(observations)
+    names = tuple(names) if names is not None else tuple(f"antenna {k}" for k in range(len(observations)))
+    _check_array(observations, positions_body_m, names, settings)
+    started = time.perf_counter()
+    base, navigation = _read_reference(observations, navigation)
+    seconds = {"read": time.perf_counter() - started, "compile": 0.0, "solve": 0.0}
+
+    baselines, warnings = [], []
+    for k, rover in enumerate(observations[1:]):
+        length_m = float(np.linalg.norm(positions_body_m[k + 1] - positions_body_m[0]))
+        own = msgspec.structs.replace(
+            settings, length_m=length_m, length_sd_m=max(settings.length_sd_m, MIN_LENGTH_SD_M)
+        )
+        try:
+            solution = solve_baseline(
+                base, rover, navigation, settings=own, progress=_part(progress, k, len(observations) - 1)
+            )
+        except NoSolutionError as error:
+            warnings.append(f"{names[k + 1]}: left out, {error}")
+            baselines.append(None)
+            continue
+        for stage in seconds:
+            seconds[stage] += solution.seconds[stage]
+        warnings += [f"{names[k + 1]}: {text}" for text in solution.warnings]
+        baselines.append(solution if keep_residuals else _without_residuals(solution))
+    if all(solution is None for solution in baselines):
+        raise NoSolutionError(f"could not solve the array: {'; '.join(warnings)}")
+
+    started = time.perf_counter()
+    kept = [k for k, solution in enumerate(baselines) if solution is not None]
+    solution = attitude_from_baselines(
+        [baselines[k] for k in kept],
+        positions_body_m[[0] + [k + 1 for k in kept]],
+        base.time_ns,
+        names=[names[0]] + [names[k + 1] for k in kept],
+        settings=settings,
+    )
+    seconds["solve"] += time.perf_counter() - started
+    inputs = {
+        "antennas": {
+            names[0]: describe_observations(base),
+            **{names[k + 1]: baselines[k].inputs["rover"] for k in kept},
+        },
+        "variance_factors": {names[k + 1]: baselines[k].inputs["variance_factors"] for k in kept},
+        "navigation": list(navigation.paths),
+    }
+    return replace(
+        solution,
+        inputs=inputs,
+        warnings=tuple(dict.fromkeys((*warnings, *solution.warnings))),
+        seconds=seconds,
+    )
+
+
+def attitude_from_baselines(baselines, positions_body_m, time_ns, *, names, settings):
+    """Attitude from baselines that share their first antenna.
+
+    Parameters
+    ----------
+    baselines : sequence of BaselineSolution
+        From the reference antenna to each other one.
+    positions_body_m : ndarray, shape (n_baselines + 1, 3)
+        Body coordinates, the reference first.
+    time_ns : ndarray of int64
+        Epochs of the reference receiver.
+    names : sequence of str
+        Of the antennas.
+    settings : GnssSettings
+        ``residual_significance``, ``length_sd_m`` and ``max_time_difference_s`` are used.
+
+    Returns
+    -------
+    AttitudeSolution
+        At the epochs of the reference receiver that any baseline has.
+    """
+    body_m = positions_body_m[1:] - positions_body_m[0]
+    time_ns, row = _align([solution.time_ns for solution in baselines], time_ns, settings)
+    n, m = row.shape
+    reason = np.zeros((n, m), np.uint8)
+    status = np.zeros((n, m), np.uint8)
+    n_sats = np.zeros((n, m), np.int16)
+    vector_m, cov_m2 = np.full((n, m, 3), np.nan), np.full((n, m, 3, 3), np.nan)
+    position_ecef_m = np.full((n, 3), np.nan)
+    for k, solution in enumerate(baselines):
+        here = np.flatnonzero(row[:, k] >= 0)
+        at = row[here, k]
+        enu_m, cov_enu_m2 = free_of_length(solution)
+        status[here, k], reason[here, k] = solution.status[at], solution.reason[at]
+        n_sats[here, k] = solution.n_sats[at]
+        vector_m[here, k] = enu_m[at] @ _NED_FROM_ENU.T
+        cov_m2[here, k] = _NED_FROM_ENU @ cov_enu_m2[at] @ _NED_FROM_ENU.T
+        unknown = here[np.isnan(position_ecef_m[here, 0])]
+        position_ecef_m[unknown] = solution.position_ecef_m[row[unknown, k]]
+    accepted = (status == Status.FIXED) | (status == Status.HELD)
+    accepted &= np.isfinite(cov_m2).all((2, 3))
+
+    adjustment = _Adjustment(body_m, n, settings)
+    for first in range(0, n, BLOCK_EPOCHS):
+        adjustment.solve(np.arange(first, min(first + BLOCK_EPOCHS, n)), vector_m, cov_m2, accepted)
+    a = adjustment
+    # What no baseline explains is explained by the one that came nearest.
+    nearest = np.argmax(status, axis=1)
+    epoch_reason = np.where(accepted.any(1), a.reason, reason[np.arange(n), nearest])
+    held = np.any(a.is_used & (status == Status.HELD), axis=1)
+    epoch_status = np.where(a.is_solved, np.where(held, Status.HELD, Status.FIXED), Status.NONE)
+    fewest = np.where(a.is_used, n_sats, np.iinfo(np.int16).max).min(1)
+    solution = AttitudeSolution(
+        time_ns=time_ns,
+        status=epoch_status.astype(np.uint8),
+        reason=epoch_reason.astype(np.uint8),
+        heading_rad=a.angle_rad[:, 0],
+        pitch_rad=a.angle_rad[:, 1],
+        roll_rad=a.angle_rad[:, 2],
+        cov_rad2=a.cov_rad2,
+        rot_ned_from_body=a.rot,
+        is_used=a.is_used,
+        is_excluded=a.is_excluded,
+        chi2=a.chi2,
+        chi2_limit=a.chi2_limit,
+        n_sats=np.where(a.is_used.any(1), fewest, 0).astype(np.int16),
+        position_ecef_m=position_ecef_m,
+        antennas=tuple(names),
+        positions_body_m=np.asarray(positions_body_m),
+        baselines=tuple(baselines),
+        settings=msgspec.to_builtins(settings),
+    )
+    return replace(solution, events=tuple(_events(solution)))
+
+
+def free_of_length(solution):
+    """Accepted baselines as the phases alone give them, without the length that adjusted them.
+
+    The engine adds the length l as one observation with variance s^2 along the adjusted baseline b:
+    I_free (b_free - b) = v b with v = (|b| - l) / (s^2 |b|), and the inverse covariance is
+    I_free + v 1 + (1 / s^2 - v) u u^T, u = b / |b|. Both are solved for what was there before, because
+    the body coordinates, of which the length is part, enter the attitude once.
+
+    Parameters
+    ----------
+    solution : BaselineSolution
+        A run of a method that adjusts with the length (``constrained``, ``filter``), or of another.
+
+    Returns
+    -------
+    baseline_enu_m : ndarray, shape (n, 3)
+    cov_enu_m2 : ndarray, shape (n, 3, 3)
+        As they are where the length took no part.
+    """
+    settings = solution.settings
+    length_m, sd_m = settings.get("length_m"), settings.get("length_sd_m", 0.0)
+    baseline_m, cov_m2 = solution.baseline_enu_m.copy(), solution.cov_enu_m2.copy()
+    adjusted = settings.get("length_use") == "constrain" and settings.get("method") in (
+        "constrained",
+        "filter",
+    )
+    if not adjusted or length_m is None or sd_m <= 0.0:
+        return baseline_m, cov_m2
+    rows = np.flatnonzero(solution.is_accepted)
+    b = baseline_m[rows]
+    size = np.linalg.norm(b, axis=1)
+    bend = (size - length_m) / (sd_m**2 * size)
+    unit = b / size[:, None]
+    information = np.linalg.inv(cov_m2[rows])
+    information -= bend[:, None, None] * np.eye(3)
+    information -= (1.0 / sd_m**2 - bend)[:, None, None] * unit[:, :, None] * unit[:, None, :]
+    cov = np.linalg.inv(0.5 * (information + np.swapaxes(information, 1, 2)))
+    baseline_m[rows] = b + bend[:, None] * np.einsum("nij,nj->ni", cov, b)
+    cov_m2[rows] = cov
+    return baseline_m, cov_m2
+
+
+class _Adjustment:
+    """Rotations of all epochs, filled block by block and, within a block, by which baselines are there."""
+
+    def __init__(self, body_m, n_epochs, settings):
+        m = len(body_m)
+        self.body_m = body_m
+        self.body_variance_m2 = settings.length_sd_m**2
+        self.limits = chi2_limits(settings.residual_significance, 3 * m + 1)
+        self.angle_rad = np.full((n_epochs, 3), np.nan)
+        self.cov_rad2 = np.full((n_epochs, 3, 3), np.nan)
+        self.rot = np.full((n_epochs, 3, 3), np.nan)
+        self.chi2, self.chi2_limit = np.full(n_epochs, np.nan), np.full(n_epochs, np.nan)
+        self.is_used, self.is_excluded = np.zeros((n_epochs, m), bool), np.zeros((n_epochs, m), bool)
+        self.is_solved = np.zeros(n_epochs, bool)
+        self.reason = np.zeros(n_epochs, np.uint8)
+
+    def solve(self, rows, vector_m, cov_m2, accepted):
+        """Solve some epochs from the baselines accepted in each."""
+        pattern = accepted[rows] @ (1 << np.arange(accepted.shape[1]))
+        for code in np.unique(pattern[pattern > 0]):
+            used = np.flatnonzero(code >> np.arange(accepted.shape[1]) & 1)
+            self._solve_pattern(rows[pattern == code], used, vector_m, cov_m2)
+
+    def _solve_pattern(self, rows, used, vector_m, cov_m2):
+        """Solve epochs that have the same baselines; where they contradict, without the one to blame."""
+        fit, chi2, limit = self._fit(rows, used, vector_m, cov_m2)
+        new = np.isnan(self.chi2[rows])
+        self.chi2[rows[new]], self.chi2_limit[rows[new]] = chi2[new], limit
+        self.reason[rows] = Reason.GEOMETRY_TEST
+        good = chi2 <= limit
+        self._store(rows, used, fit, good)
+        bad = rows[~good]
+        if len(bad) == 0 or len(used) < 3:
+            return
+        left_out = [self._fit(bad, np.delete(used, k), vector_m, cov_m2) for k in range(len(used))]
+        chi2 = np.stack([chi2 for _, chi2, _ in left_out], axis=1)
+        limit = left_out[0][2]
+        best, second = np.sort(chi2, axis=1)[:, :2].T
+        blamed = np.argmin(chi2, axis=1)
+        clear = (second > limit) | (second - best > CLEARLY_WORSE)
+        for k, wrong in enumerate(used):
+            mine = clear & (blamed == k)
+            if not mine.any():
+                continue
+            rest = np.delete(used, k)
+            self.is_excluded[bad[mine], wrong] = True
+            if len(rest) >= 3:
+                # There may be another one.
+                self._solve_pattern(bad[mine], rest, vector_m, cov_m2)
+            else:
+                self._store(bad, rest, left_out[k][0], mine & (best <= limit))
+        lost = bad[~self.is_solved[bad]]
+        self.is_excluded[lost] = False
+
+    def _fit(self, rows, used, vector_m, cov_m2):
+        """Rotation from some baselines, its test and the limit of it; the rotation is None where hidden."""
+        vector_m, cov_m2, body_m = vector_m[np.ix_(rows, used)], cov_m2[np.ix_(rows, used)], self.body_m[used]
+        _, across, axis = array_extent_m(body_m)
+        is_line = across < MIN_ACROSS_M
+        fit = fit_rotation(vector_m, cov_m2, body_m, free_axis_body=axis if is_line else None)
+        chi2 = weighted_square(fit.residual_m, cov_m2 + self.body_variance_m2 * np.eye(3))
+        limit = self.limits[3 * len(used) - (2 if is_line else 3)]
+        return fit, chi2, limit
+
+    def _store(self, rows, used, fit, good):
+        """Keep the rotations of the good epochs."""
+        _, across, axis = array_extent_m(self.body_m[used])
+        is_line = across < MIN_ACROSS_M
+        rows = rows[good]
+        if is_line and np.hypot(axis[1], axis[2]) > ALONG_X:
+            self.reason[rows] = Reason.DIRECTION_ONLY
+            return
+        self.is_used[np.ix_(rows, used)] = True
+        rot = fit.rot_ned_from_body[good]
+        angle_rad = np.stack(heading_pitch_roll(rot), axis=-1)
+        cov = angle_covariance(angle_rad[:, 0], rot, fit.cov_ned_rad2[good])
+        if is_line:
+            angle_rad[:, 2], cov[:, 2, :], cov[:, :, 2], rot = np.nan, np.nan, np.nan, np.nan
+        self.angle_rad[rows], self.cov_rad2[rows], self.rot[rows] = angle_rad, cov, rot
+        self.is_solved[rows] = True
+        self.reason[rows] = Reason.ROLL_UNOBSERVABLE if is_line else Reason.OK
+
+
+def _align(times_ns, reference_ns, settings):
+    """Epochs of the reference that any baseline has, and the row of each baseline there, -1 for none."""
+    row = np.full((len(reference_ns), len(times_ns)), -1, np.int64)
+    for k, time_ns in enumerate(times_ns):
+        after = np.clip(np.searchsorted(reference_ns, time_ns), 1, max(len(reference_ns) - 1, 1))
+        before_is_nearer = (
+            time_ns - reference_ns[after - 1] < reference_ns[after % len(reference_ns)] - time_ns
+        )
+        at = np.where(before_is_nearer, after - 1, after % len(reference_ns))
+        near = np.abs(reference_ns[at] - time_ns) <= settings.max_time_difference_s * NS_PER_S
+        row[at[near], k] = np.flatnonzero(near)
+    known = np.any(row >= 0, axis=1)
+    return reference_ns[known], row[known]
+
+
+def _events(solution):
+    """When the attitude was found and lost, and when antennas were left out and came back."""
+    n = solution.n_epochs
+
+    def changes(flags):
+        """Epochs at which a flag changes, and what it changes to."""
+        at = np.flatnonzero(np.diff(flags, prepend=False))
+        return zip(at.tolist(), flags[at].tolist(), strict=True)
+
+    found = []
+    for at, is_up in changes(solution.is_accepted):
+        used = int(solution.n_baselines[at])
+        text = f"attitude from {used} baselines" if is_up else "no attitude"
+        found.append((at, "fixed" if is_up else "released", text))
+    for k, name in enumerate(solution.antennas[1:]):
+        for at, is_out in changes(solution.is_excluded[:, k]):
+            text = "contradicts the other antennas and is left out" if is_out else "is no longer left out"
+            found.append((at, "excluded" if is_out else "returned", f"{name} {text}"))
+    for at, kind, text in sorted(found):
+        time_ns = int(solution.time_ns[min(at, n - 1)])
+        yield EpochEvent(
+            time_ns, kind, "", "", float(solution.chi2[at]), float(solution.chi2_limit[at]), text
+        )
+
+
+def _check_array(observations, positions_body_m, names, settings):
+    if len(observations) < 2:
+        raise ConfigError(f"{len(observations)} antennas given; give two or more", key="observations")
+    if positions_body_m.shape != (len(observations), 3):
+        raise ConfigError(
+            f"{len(observations)} antennas but body coordinates of shape {positions_body_m.shape}; "
+            "give three for each antenna",
+            key="positions_body_m",
+        )
+    if len(names) != len(observations):
+        raise ConfigError(
+            f"{len(observations)} antennas but {len(names)} names; give one for each", key="names"
+        )
+    if settings.length_m is not None:
+        raise ConfigError(
+            f"`length_m` is {settings.length_m:g} m; leave it out, the body coordinates give the lengths",
+            key="length_m",
+            value=settings.length_m,
+        )
+
+
+def _read_reference(observations, navigation):
+    """Observations of the reference antenna, and the ephemerides."""
+    from ..formats import read_navigation, read_observations
+    from ..navigation import Navigation
+    from ..observations import Observations
+
+    if not isinstance(navigation, Navigation):
+        paths = (
+            [navigation]
+            if isinstance(navigation, str) or hasattr(navigation, "__fspath__")
+            else list(navigation)
+        )
+        paths = paths or [entry for entry in observations if not isinstance(entry, Observations)]
+        navigation = read_navigation(*paths)
+    base = observations[0]
+    if not isinstance(base, Observations):
+        base = read_observations(base)
+    if base.n_epochs == 0:
+        raise NoSolutionError(f"could not solve: the reference file {base.meta.path} holds no epochs")
+    return base, navigation
+
+
+def _part(progress, k, n_parts):
+    """Progress of one baseline as part of the whole."""
+    if progress is None:
+        return None
+    return lambda done, total: progress(k * total + done, n_parts * total)
+
+
+def _without_residuals(solution):
+    """The solution without its phase residuals."""
+    names = [name for name in solution.__dataclass_fields__ if name.startswith("residual_")]
+    return replace(solution, **{name: getattr(solution, name)[:0].copy() for name in names})

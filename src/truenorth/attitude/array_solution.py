@@ -1,0 +1,104 @@
+"""The result of a run over three or more antennas: one attitude per epoch and what is known about it."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .solution import BaselineSolution, EpochEvent, SolutionOutputs
+
+__all__ = ["AttitudeSolution"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AttitudeSolution(SolutionOutputs):
+    """Attitude of the platform at every epoch of its reference antenna.
+
+    Arrays have one row per epoch; angles that could not be found are NaN.
+
+    Parameters
+    ----------
+    time_ns : ndarray of int64, shape (n,)
+        GPS time of the epoch (the reference receiver's time tag), nanoseconds.
+    status, reason : ndarray of uint8, shape (n,)
+        Codes of `truenorth.errors.Status` and `truenorth.errors.Reason`. Epochs whose antennas stand on
+        one line are accepted with `Reason.ROLL_UNOBSERVABLE`.
+    heading_rad, pitch_rad, roll_rad : ndarray of float64, shape (n,)
+        Intrinsic z-y-x angles from north, east, down; heading in [0, 2 pi).
+    cov_rad2 : ndarray of float64, shape (n, 3, 3)
+        Covariance of heading, pitch and roll.
+    rot_ned_from_body : ndarray of float64, shape (n, 3, 3)
+        The attitude itself; NaN where one of its angles is.
+    is_used, is_excluded : ndarray of bool, shape (n, n_baselines)
+        Baselines that took part, and those that contradicted the others.
+    chi2, chi2_limit : ndarray of float64, shape (n,)
+        Test of all accepted baselines against the body coordinates, those included that were left out
+        because of it, and its limit.
+    n_sats : ndarray of int16, shape (n,)
+        Satellites of the baseline that used fewest, among those that took part; 0 where none did.
+    position_ecef_m : ndarray of float64, shape (n, 3)
+        Single-point position of the reference antenna, metres.
+    antennas : tuple of str
+        Names, the reference first.
+    positions_body_m : ndarray of float64, shape (n_baselines + 1, 3)
+        Body coordinates, metres.
+    baselines : tuple of BaselineSolution
+        From the reference to each other antenna, at their own epochs.
+    settings : dict
+        Effective settings, every default included.
+    inputs : dict
+        Names of the files and what was found in them.
+    warnings : tuple of str
+        Said once each.
+    events : tuple of EpochEvent
+        Every decision, in time order.
+    seconds : dict of str to float
+        Wall time of read, compile, solve, write.
+    """
+
+    time_ns: np.ndarray
+    status: np.ndarray
+    reason: np.ndarray
+    heading_rad: np.ndarray
+    pitch_rad: np.ndarray
+    roll_rad: np.ndarray
+    cov_rad2: np.ndarray
+    rot_ned_from_body: np.ndarray
+    is_used: np.ndarray
+    is_excluded: np.ndarray
+    chi2: np.ndarray
+    chi2_limit: np.ndarray
+    n_sats: np.ndarray
+    position_ecef_m: np.ndarray
+    antennas: tuple[str, ...]
+    positions_body_m: np.ndarray
+    baselines: tuple[BaselineSolution, ...]
+    settings: dict[str, Any] = field(default_factory=dict)
+    inputs: dict[str, Any] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    events: tuple[EpochEvent, ...] = ()
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def n_baselines(self) -> np.ndarray:
+        """Ndarray of int, shape (n,): baselines that took part."""
+        return np.count_nonzero(self.is_used, axis=1)
+
+    @property
+    def excluded(self) -> np.ndarray:
+        """Ndarray of str, shape (n,): names of the antennas left out, with ``+`` between them."""
+        words = np.full(self.n_epochs, "", dtype=object)
+        for row in np.flatnonzero(np.any(self.is_excluded, axis=1)):
+            words[row] = "+".join(self.antennas[k + 1] for k in np.flatnonzero(self.is_excluded[row]))
+        return words.astype(str)
+
+    def angle_sd_rad(self, k: int) -> np.ndarray:
+        """Standard deviations of heading (0), pitch (1) or roll (2), ndarray, shape (n,)."""
+        return np.sqrt(self.cov_rad2[:, k, k])
+
+    def __str__(self) -> str:
+        """One line: antennas, epochs, share accepted."""
+        accepted = int(np.count_nonzero(self.is_accepted))
+        return (
+            f"attitude solution: {len(self.antennas)} antennas, {self.n_epochs} epochs, {accepted} accepted"
+        )
