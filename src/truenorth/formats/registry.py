@@ -88,6 +88,12 @@ def _is_ubx(head):
     return False
 
 
+def _is_oem3(head):
+    from .novatel_oem3 import is_oem3
+
+    return is_oem3(head)
+
+
 def _is_fog_log(head):
     from .fog_packet import is_fog_log
 
@@ -130,6 +136,12 @@ def _read_ubx(data, path):
     return parse_ubx(data, path=path)
 
 
+def _read_oem3(data, path):
+    from .novatel_oem3 import parse_oem3
+
+    return parse_oem3(data, path=path)
+
+
 def _read_fog_packets(data, path):
     from .fog_packet import parse_fog_packets
 
@@ -147,6 +159,7 @@ FORMATS = (
     Format("rinex_nav", "a RINEX navigation file", "navigation", _is_rinex_nav, _read_rinex_nav),
     Format("sp3", "an SP3 orbit file", "orbits", _is_sp3, _read_sp3),
     Format("ubx", "a UBX log", "both", _is_ubx, _read_ubx),
+    Format("novatel_oem3", "a NovAtel OEM3 log", "both", _is_oem3, _read_oem3),
     Format("fog_log", "a log of fibre-optic gyro packets", "sensor", _is_fog_log, _read_fog_packets),
     Format("tcm2", "a log of TCM2 compass sentences", "sensor", _is_tcm2, _read_tcm2),
     # Last: the stream has no mark but the pattern of its highest bits.
@@ -221,8 +234,8 @@ def _not_recognised(data):
     else:
         what = f"the format is not recognised, the file begins with bytes {data[:4].hex(' ')}"
     return what + (
-        "; RINEX observations and navigation, UBX logs, SP3 orbits and logs of gyro packets and TCM2 "
-        "sentences are read"
+        "; RINEX observations and navigation, UBX and NovAtel OEM3 logs, SP3 orbits, and logs of "
+        "gyro packets and of TCM2 sentences are read"
     )
 
 
