@@ -6,7 +6,7 @@ Frames are right-handed. The body is forward, right, down and the navigation fra
 
 with heading, pitch and roll (intrinsic z-y-x). A rotation matrix ``rot_a_from_b`` takes the components of a
 vector in b to those in a. Quaternions are Hamilton's, scalar first, and passive: ``quaternion_from_rot(
-rot_a_from_b)`` turns b components into a components by ``q v q*``. Everything is vectorised over leading axes.
+rot_a_from_b)`` turns b components into a components by ``q v q*``. All is vectorised over leading axes.
 
 References
 ----------

@@ -1,70 +1,89 @@
 """How a platform moves: position, velocity, acceleration, attitude and rate at any instant.
 
 Every motion is a smooth function of time, so that receivers may sample it at their own true times and
-sensors at their own rates, and all agree.
+sensors at their own rates, and all agree. There is no step in acceleration or angular rate. The kinds of
+motion are the alternatives of the ``[motion]`` table of a scenario, by their ``kind``.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import assert_never
 
-import msgspec
-import numpy as np
+from ..strapdown import (
+    InertialIncrements,
+    InertialStates,
+    integrate_increments,
+    rate_inertial_body_radps,
+    reference_increments,
+    specific_force_body_mps2,
+)
+from .drives import CircleMotion, WaypointMotion, circle_trajectory, waypoint_trajectory
+from .fixed import StaticMotion, TurntableMotion, TurntableTrajectory
+from .kinematics import LocalPlane, Motion, Trajectory
 
-__all__ = ["Motion", "MotionSection", "StaticMotion", "Trajectory", "build_trajectory"]
+__all__ = [
+    "CircleMotion",
+    "InertialIncrements",
+    "InertialStates",
+    "Motion",
+    "MotionSection",
+    "StaticMotion",
+    "Trajectory",
+    "TurntableMotion",
+    "WaypointMotion",
+    "build_trajectory",
+    "integrate_increments",
+    "rate_inertial_body_radps",
+    "reference_increments",
+    "specific_force_body_mps2",
+]
+
+MotionSection = StaticMotion | TurntableMotion | CircleMotion | WaypointMotion
+"""The ``[motion]`` table of a scenario."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Motion:
-    """State of the body frame's origin at n instants.
+def build_trajectory(
+    motion: MotionSection,
+    *,
+    latitude_rad: float,
+    longitude_rad: float,
+    height_m: float,
+    duration_s: float,
+    seed: int,
+    folder: str = "",
+) -> Trajectory:
+    """Trajectory of a ``[motion]`` table.
 
     Parameters
     ----------
-    time_s : ndarray, shape (n,)
-        Seconds of GPS time since the start of the scenario.
-    position_ecef_m, velocity_ecef_mps, acceleration_ecef_mps2 : ndarray, shape (n, 3)
-        Position and its first and second derivative in the turning ECEF frame.
-    rot_ecef_from_body : ndarray, shape (n, 3, 3)
-        Attitude, ``v_ecef = rot @ v_body``; body is forward, right, down.
-    rate_body_radps : ndarray, shape (n, 3)
-        Angular rate of the body against the Earth, in body axes.
-    heading_rad, pitch_rad, roll_rad : ndarray, shape (n,)
-        Attitude against the local geodetic north, east, down; heading in [0, 2 pi).
+    motion : MotionSection
+        What moves, and how.
+    latitude_rad, longitude_rad, height_m : float
+        The start of routes, geodetic.
+    duration_s : float
+        Of the scenario; the trajectory reaches 5 s further at both ends.
+    seed : int
+        Of the scenario; what is random about the motion (waves, unevenness, streets) has streams of its own.
+    folder : str
+        Folder that file names in the table are relative to.
+
+    Returns
+    -------
+    Trajectory
+        The motion at any instant.
+
+    Raises
+    ------
+    ConfigError
+        If a setting is impossible.
     """
-
-    time_s: np.ndarray
-    position_ecef_m: np.ndarray
-    velocity_ecef_mps: np.ndarray
-    acceleration_ecef_mps2: np.ndarray
-    rot_ecef_from_body: np.ndarray
-    rate_body_radps: np.ndarray
-    heading_rad: np.ndarray
-    pitch_rad: np.ndarray
-    roll_rad: np.ndarray
-
-
-class Trajectory(Protocol):
-    """A motion that can be asked for any instant (also a little before the start and after the end)."""
-
-    def at(self, time_s: np.ndarray) -> Motion:
-        """State at instants, seconds since the start, shape (n,)."""
-        ...
-
-
-class StaticMotion(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="static"
-):
-    """A platform at rest."""
-
-    heading_deg: float = 0.0
-    pitch_deg: float = 0.0
-    roll_deg: float = 0.0
-
-
-MotionSection = StaticMotion
-
-
-def build_trajectory(motion, *, latitude_rad, longitude_rad, height_m, duration_s, seed, folder=""):
-    """Trajectory of a ``[motion]`` table; the place is that of the start."""
-    raise NotImplementedError
+    plane = LocalPlane(latitude_rad, longitude_rad, height_m)
+    match motion:
+        case StaticMotion() | TurntableMotion():
+            return TurntableTrajectory.build(motion, latitude_rad, longitude_rad, height_m, duration_s)
+        case CircleMotion():
+            return circle_trajectory(motion, plane, seed)
+        case WaypointMotion():
+            return waypoint_trajectory(motion, plane, duration_s, seed)
+        case _:
+            assert_never(motion)
