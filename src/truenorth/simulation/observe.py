@@ -224,8 +224,8 @@ class AntennaSimulator:
     def _propagate(self, rays, tag_ns, clock_s, position, velocity, motion):
         """Solve for the emission of every ray: ranges, directions, delays; arrays by name, one row a ray."""
         environment = self._scenario.environment
-        e, sat = rays.epoch, rays.sat
-        travel = rays.travel_s.copy()
+        is_tracked = self._signals[rays.sat // 100, 0] >= 0
+        e, sat, travel = rays.epoch[is_tracked], rays.sat[is_tracked], rays.travel_s[is_tracked]
         where, speed, sat_clock, sat_drift, status = self._sky.true_states(
             sat, tag_ns[e], clock_s[e] + travel
         )
@@ -555,6 +555,8 @@ class AntennaSimulator:
                 + row["phase_centre_m"]
             )
             cycles = cycles + row["windup_cyc"]
+            # Counted by the receiver's own seconds.
+            rate = rate * (1.0 - row["receiver_drift_mps"] / SPEED_OF_LIGHT_MPS)
             rate = rate + row["receiver_drift_mps"] - row["satellite_drift_mps"]
         # Whole cycles are added last, so that nothing of the fraction is lost.
         phase_cyc = phase / wavelength + cycles
