@@ -420,11 +420,11 @@ class AntennaSimulator:
 
         if len(sat) == 0:
             return np.zeros(0)
-        pair, of_pair = np.unique(np.stack([sat, signal]), axis=1, return_inverse=True)
+        key, of_key = np.unique(sat * 1000 + signal, return_inverse=True)
         middle_ns = self._scenario.start_ns + round(float(np.mean(grid_s)) * 1e9)
-        index, _ = select_ephemerides(self._sky.navigation, pair[0], middle_ns, include_unhealthy=True)
-        delay = group_delay_s(self._sky.navigation, index, pair[0], pair[1])
-        return SPEED_OF_LIGHT_MPS * np.nan_to_num(delay)[of_pair.reshape(-1)]
+        index, _ = select_ephemerides(self._sky.navigation, key // 1000, middle_ns, include_unhealthy=True)
+        delay = group_delay_s(self._sky.navigation, index, key // 1000, key % 1000)
+        return SPEED_OF_LIGHT_MPS * np.nan_to_num(delay)[of_key]
 
     def _add_multipath(self, row, ray, of_ray, wavelength, chip):
         """Reflected rays by geometry; the Gauss-Markov part is drawn channel by channel."""
