@@ -1,7 +1,7 @@
 """Reading files: observations, navigation, orbits, in whatever packing they come; and writing them.
 
 `read` recognises a file by its content; `read_observations` and `read_navigation` say what they
-expect; `summarize` tells what a file holds. Writers are loaded when they are used.
+expect; `summarize` tells what a file holds. Writers, and what reads tables, are loaded when used.
 """
 
 import importlib
@@ -9,9 +9,15 @@ from typing import Any
 
 from .registry import FORMATS, read, read_navigation, read_observations, sniff
 
-_WRITERS = {
+_LAZY = {
     "RinexObservationWriter": "rinex_obs_writer",
+    "write_rinex_navigation": "rinex_nav_writer",
+    "TableWriter": "sensor_table",
+    "read_sensor_table": "sensor_table",
+    "read_table": "sensor_table",
     "write_rinex_observations": "rinex_obs_writer",
+    "write_sensor_table": "sensor_table",
+    "write_table": "sensor_table",
 }
 
 __all__ = [  # noqa: PLE0604  (the keys are strings)
@@ -21,14 +27,14 @@ __all__ = [  # noqa: PLE0604  (the keys are strings)
     "read_observations",
     "sniff",
     "summarize",
-    *_WRITERS,
+    *_LAZY,
 ]
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _WRITERS:
+    if name not in _LAZY:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f".{_WRITERS[name]}", __name__), name)
+    return getattr(importlib.import_module(f".{_LAZY[name]}", __name__), name)
 
 
 def summarize(path):

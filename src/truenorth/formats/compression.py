@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ..errors import FormatError
 
-__all__ = ["MAX_EXPANSION", "MAX_PLAIN_BYTES", "read_bytes", "unpack"]
+__all__ = ["MAX_EXPANSION", "MAX_PLAIN_BYTES", "open_for_writing", "read_bytes", "unpack"]
 
 MAX_PLAIN_BYTES = 16 * 2**30
 """No file may unpack to more than this."""
@@ -55,6 +55,41 @@ def read_bytes(path):
         reason = problem.strerror or type(problem).__name__
         raise FormatError(f"the file cannot be opened ({reason}); check the path", path=path) from None
     return unpack(data, path=path)
+
+
+def open_for_writing(path):
+    """Open a file that takes bytes, packed by gzip when its name ends in ``.gz``.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        The file; one that exists is replaced.
+
+    Returns
+    -------
+    binary file
+        The packed one holds no time and no name, so equal content gives equal bytes.
+
+    Raises
+    ------
+    FormatError
+        If the file cannot be opened.
+    """
+    try:
+        file = open(path, "wb")  # noqa: SIM115 (closed by the caller)
+    except OSError as problem:
+        reason = problem.strerror or type(problem).__name__
+        raise FormatError(f"the file cannot be written ({reason}); check the path", path=path) from None
+    if not str(path).endswith(".gz"):
+        return file
+    import gzip
+
+    class Packed(gzip.GzipFile):
+        def close(self):
+            super().close()
+            file.close()
+
+    return Packed(filename="", mode="wb", compresslevel=6, fileobj=file, mtime=0)
 
 
 def unpack(data, *, path=None):

@@ -106,6 +106,12 @@ def _is_fog_packets(head):
     return is_packet_stream(head)
 
 
+def _is_sensor_table(head):
+    from .sensor_table import is_sensor_table
+
+    return is_sensor_table(head)
+
+
 def _is_tcm2(head):
     from .tcm2 import is_tcm2
 
@@ -148,6 +154,12 @@ def _read_fog_packets(data, path):
     return parse_fog_packets(data, path=path)
 
 
+def _read_sensor_table(data, path):
+    from .sensor_table import parse_sensor_table
+
+    return parse_sensor_table(data, path=path)
+
+
 def _read_tcm2(data, path):
     from .tcm2 import parse_tcm2
 
@@ -162,6 +174,7 @@ FORMATS = (
     Format("novatel_oem3", "a NovAtel OEM3 log", "both", _is_oem3, _read_oem3),
     Format("fog_log", "a log of fibre-optic gyro packets", "sensor", _is_fog_log, _read_fog_packets),
     Format("tcm2", "a log of TCM2 compass sentences", "sensor", _is_tcm2, _read_tcm2),
+    Format("sensor_table", "a table of sensor samples", "sensor", _is_sensor_table, _read_sensor_table),
     # Last: the stream has no mark but the pattern of its highest bits.
     Format(
         "fog_packets", "a stream of fibre-optic gyro packets", "sensor", _is_fog_packets, _read_fog_packets
@@ -235,7 +248,7 @@ def _not_recognised(data):
         what = f"the format is not recognised, the file begins with bytes {data[:4].hex(' ')}"
     return what + (
         "; RINEX observations and navigation, UBX and NovAtel OEM3 logs, SP3 orbits, and logs of "
-        "gyro packets and of TCM2 sentences are read"
+        "gyro packets and of TCM2 sentences, and tables of sensor samples are read"
     )
 
 

@@ -26,6 +26,7 @@ from ..observations import (
     signal_name,
 )
 from ..timescales import NS_PER_S, format_gpst, gpst_to_datetime64, leap_seconds
+from .compression import open_for_writing
 
 __all__ = ["RinexObservationWriter", "observation_types", "write_rinex_observations"]
 
@@ -152,7 +153,7 @@ class RinexObservationWriter:
         self._meta = replace(ObservationMeta(), **meta)
         self._tables = None
         self._last_ns = None
-        self._file = _open(path)
+        self._file = open_for_writing(path)
 
     def __enter__(self):
         """Return the writer; leaving closes the file."""
@@ -360,25 +361,6 @@ def _put(lines, end, value, n_digits, zeros):
         digit = value // 10**k
         shown = ord("0") + digit % 10
         lines[:, end - 1 - k] = shown if zeros or k == 0 else np.where(digit > 0, shown, ord(" "))
-
-
-def _open(path):
-    """Open a file for bytes; the packed one has no time and no name inside."""
-    try:
-        file = open(path, "wb")  # noqa: SIM115 (closed by the writer)
-    except OSError as problem:
-        reason = problem.strerror or type(problem).__name__
-        raise FormatError(f"the file cannot be written ({reason}); check the path", path=path) from None
-    if not str(path).endswith(".gz"):
-        return file
-    import gzip
-
-    class _Packed(gzip.GzipFile):
-        def close(self):
-            super().close()
-            file.close()
-
-    return _Packed(filename="", mode="wb", compresslevel=6, fileobj=file, mtime=0)
 
 
 def _full_types(types):
