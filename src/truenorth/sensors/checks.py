@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from typing import NoReturn
@@ -68,7 +69,7 @@ def require_table(struct: msgspec.Struct, key: str, wanted: str) -> None:
         Naming the table.
     """
     table = getattr(struct, key)
-    rising = all(first[0] < second[0] for first, second in zip(table, table[1:], strict=False))
+    rising = all(first[0] < second[0] for first, second in itertools.pairwise(table))
     if not table or not rising or not all(map(math.isfinite, _numbers(table))):
         refuse(key, table, wanted)
 

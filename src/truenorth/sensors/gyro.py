@@ -35,7 +35,7 @@ from ..sensor_log import SensorLog
 from .checks import refuse, require, require_not_negative, require_table
 from .kinematics import Mover, angle_integrals
 from .processes import random_walk
-from .sampling import SampledSensor, Stream, sample_times_s, stamp_times, table_at
+from .sampling import GeneratorByName, SampledSensor, sample_times_s, stamp_times, table_at
 
 __all__ = [
     "FogDescription",
@@ -52,6 +52,8 @@ __all__ = [
 class FogDescription(SampledSensor, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The ``[sensors.gyro]`` table: a fibre-optic gyro with counts for rate and temperature."""
 
+    phase_s: float = 0.03
+    """Unsynchronised: with stamps of a PC, 9, 10 or 11 samples fall into a second."""
     time_tag_step_s: float = 0.055
     """Stamped by the clock of a PC."""
     scale_polynomial: tuple[float, ...] = (0.0486972010810, -0.0003749484972, 0.0000142854916)
@@ -88,9 +90,7 @@ class FogDescription(SampledSensor, frozen=True, forbid_unknown_fields=True, kw_
         require_not_negative(
             self, "bias_sd_count", "bias_walk_count_per_sqrt_s", "angle_random_walk_deg_per_sqrt_h"
         )
-        require(
-            self, "temperature_step_degc", test=lambda number: number > 0.0, wanted="a positive number"
-        )
+        require(self, "temperature_step_degc", test=lambda number: number > 0.0, wanted="a positive number")
         require(
             self, "axis_pitch_deg", "axis_roll_deg", test=lambda deg: abs(deg) < 90.0, wanted="less than 90"
         )
@@ -125,7 +125,7 @@ def sensitive_axis_body(gyro: FogDescription) -> np.ndarray:
 
 
 def simulate_gyro(
-    gyro: FogDescription, mover: Mover, *, start_ns: int, duration_s: float, stream: Stream
+    gyro: FogDescription, mover: Mover, *, start_ns: int, duration_s: float, generator: GeneratorByName
 ) -> SensorLog:
     """Counts of a gyro that rides on a moving body.
 
@@ -139,7 +139,7 @@ def simulate_gyro(
         GPS time of the start, nanoseconds.
     duration_s : float
         Length of the record, seconds.
-    stream : callable
+    generator : callable
         Random generators by name.
 
     Returns
@@ -155,19 +155,19 @@ def simulate_gyro(
     step_s = 1.0 / gyro.rate_hz
     rate = angle_integrals(mover, edges_s) @ sensitive_axis_body(gyro) / step_s
     density = np.radians(gyro.angle_random_walk_deg_per_sqrt_h) / 60.0
-    noise = density / np.sqrt(step_s) * stream("noise").standard_normal(n)
+    noise = density / np.sqrt(step_s) * generator("noise").standard_normal(n)
     temperature = table_at(gyro.temperature_profile, time_s)
     scale = scale_radps_per_count(gyro, temperature)
     bias = (
         table_at(gyro.bias_table, temperature)
-        + gyro.bias_sd_count * stream("bias").standard_normal()
-        + random_walk(stream("bias_walk"), n, step_s, gyro.bias_walk_count_per_sqrt_s)
+        + gyro.bias_sd_count * generator("bias").standard_normal()
+        + random_walk(generator("bias_walk"), n, step_s, gyro.bias_walk_count_per_sqrt_s)
     )
     ideal = (rate + noise) / scale + bias
     top = 2 ** (gyro.bits - 1)
     count = np.clip(np.rint(ideal), -top, top - 1)
 
-    status = stream("status").random(n) < gyro.failure_probability
+    status = generator("status").random(n) < gyro.failure_probability
     for first_s, last_s in gyro.failures:
         status |= (time_s >= first_s) & (time_s < last_s)
     good = np.where(status, -1, np.arange(n))
@@ -175,7 +175,7 @@ def simulate_gyro(
     held = np.maximum.accumulate(good) if n else good
     count = np.where(held >= 0, count[held], 0.0)
 
-    true_ns, stamped_ns = stamp_times(gyro, time_s, start_ns, stream)
+    true_ns, stamped_ns = stamp_times(gyro, time_s, start_ns, generator)
     byte = np.rint((temperature - gyro.temperature_zero_degc) / gyro.temperature_step_degc)
     return SensorLog(
         kind="gyro",
@@ -234,13 +234,13 @@ def correct_gyro(
 ) -> np.ndarray:
     """Rates of a log about the sensitive axis, rad/s; NaN where the status says failure."""
     temperature = gyro.temperature_zero_degc + gyro.temperature_step_degc * log.columns["temperature_count"]
-    rate = rate_from_counts(
-        gyro, log.columns["rate_count"], temperature, bias_offset_count=bias_offset_count
-    )
+    rate = rate_from_counts(gyro, log.columns["rate_count"], temperature, bias_offset_count=bias_offset_count)
     return np.where(log.columns["status"] == 0, rate, np.nan)
 
 
-def heading_rate_simplified(rate_radps: np.ndarray, pitch_rad: np.ndarray, roll_rad: np.ndarray) -> np.ndarray:
+def heading_rate_simplified(
+    rate_radps: np.ndarray, pitch_rad: np.ndarray, roll_rad: np.ndarray
+) -> np.ndarray:
     """Heading rate by the small-angle form ``w / sqrt(1 - theta^2 - phi^2)`` (Harvey 5.9, 5.11).
 
     Parameters

@@ -1,19 +1,15 @@
 r"""What an ideal sensor on the moving body feels: angular rate, specific force, apparent vertical.
 
-With the Earth rate vector ``W`` (ECEF), position r, velocity v and acceleration a in the turning
-frame, and gravity g (gravitation and centrifugal acceleration together)::
+With the Earth rate vector ``W`` (ECEF), velocity v and acceleration a in the turning frame, and gravity g
+(gravitation and centrifugal acceleration together)::
 
     rate_body  = rate against the Earth + R^T W
     force_body = R^T (a + 2 W x v - g),      R = rot_ecef_from_body
 
-Gravity is normal gravity of WGS 84 along the plumb line of the ellipsoid (Somigliana's formula, second
-order in height); deflections of the vertical, below 0.02 deg, are left out.
-
 References
 ----------
-NGA.STND.0036, World Geodetic System 1984 (2014), sec. 4.
 P. D. Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed. (2013),
-sec. 2.4, 5.5.
+sec. 2.4, 5.3 to 5.5.
 J. E. Bortz, "A new mathematical formulation for strapdown inertial navigation", IEEE Transactions on
 Aerospace and Electronic Systems 7 (1971), 61-66 (the rotation vector against the integrated rate).
 """
@@ -24,25 +20,23 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..frames import WGS84_A_M, WGS84_E2, geodetic_from_ecef, rot_ned_from_ecef
+from ..frames import WGS84_A_M, WGS84_E2
+from ..gravity import EARTH_RATE_RADPS, gravity_ecef_mps2
+from ..rotations import log_so3
 from .sampling import blocks
 
 __all__ = [
-    "EARTH_RATE_RADPS",
     "Mover",
     "angle_integrals",
     "apparent_tilt",
     "earth_rate_ned",
     "frame_rate_ned",
+    "imu_increments",
     "inertial_rate_body",
-    "normal_gravity",
     "specific_force_body",
 ]
 
-EARTH_RATE_RADPS = 7.2921151467e-5
-"""Rate of the Earth against inertial space (IS-GPS-200)."""
-
-_OMEGA_ECEF = np.array([0.0, 0.0, EARTH_RATE_RADPS])
+_EARTH_RATE_ECEF = np.array([0.0, 0.0, EARTH_RATE_RADPS])
 
 
 class Mover(Protocol):
@@ -51,15 +45,6 @@ class Mover(Protocol):
     def at(self, time_s: np.ndarray) -> Any:
         """Position, velocity, acceleration, attitude and rate at instants, as arrays."""
         ...
-
-
-def normal_gravity(latitude_rad: np.ndarray, height_m: np.ndarray) -> np.ndarray:
-    """Magnitude of normal gravity of WGS 84, m/s^2, at geodetic latitude and height."""
-    sin2 = np.sin(latitude_rad) ** 2
-    surface = 9.7803253359 * (1.0 + 0.001931852652 * sin2) / np.sqrt(1.0 - WGS84_E2 * sin2)
-    flattening, ratio = 1.0 / 298.257223563, 0.003449786506841
-    h = np.asarray(height_m) / WGS84_A_M
-    return surface * (1.0 - 2.0 * (1.0 + flattening + ratio - 2.0 * flattening * sin2) * h + 3.0 * h**2)
 
 
 def inertial_rate_body(motion: Any) -> np.ndarray:
@@ -72,18 +57,16 @@ def specific_force_body(motion: Any) -> np.ndarray:
 
     At rest it points up: a level body feels ``(0, 0, -g)``.
     """
-    latitude, longitude, height = geodetic_from_ecef(motion.position_ecef_m)
-    down_ecef = rot_ned_from_ecef(latitude, longitude)[..., 2, :]
     force_ecef = (
         motion.acceleration_ecef_mps2
-        + 2.0 * np.cross(_OMEGA_ECEF, motion.velocity_ecef_mps)
-        - normal_gravity(latitude, height)[..., None] * down_ecef
+        + 2.0 * np.cross(_EARTH_RATE_ECEF, motion.velocity_ecef_mps)
+        - gravity_ecef_mps2(motion.position_ecef_m)
     )
     return np.einsum("nij,ni->nj", motion.rot_ecef_from_body, force_ecef)
 
 
 def apparent_tilt(force_body: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pitch and roll that a pendulum or a bubble at rest in this specific force would show.
+    """Pitch and roll that a bubble at rest in this specific force would show.
 
     Parameters
     ----------
@@ -122,16 +105,35 @@ def angle_integrals(mover: Mover, time_s: np.ndarray, parts: int = 4) -> np.ndar
     rate differs from it by coning, ``Phi - dt^2 / 12 * w0 x w1`` with the rates at both ends, which is
     exact for a rate that changes linearly (Bortz 1971).
     """
-    from ..rotations import log_so3
+    return imu_increments(mover, time_s, parts)[0]
 
+
+def imu_increments(mover: Mover, time_s: np.ndarray, parts: int = 2) -> tuple[np.ndarray, np.ndarray]:
+    """Integrals of inertial rate and specific force in body axes: what an ideal IMU adds up.
+
+    Parameters
+    ----------
+    mover : object with ``at(time_s)``
+        The motion.
+    time_s : ndarray, shape (n + 1,)
+        Rising instants.
+    parts : int
+        Each interval is cut into so many, an even number.
+
+    Returns
+    -------
+    delta_angle_rad, delta_velocity_mps : ndarray, shape (n, 3)
+        Angles as `angle_integrals`; velocities by Simpson's rule, two parts at a time.
+    """
     n = len(time_s) - 1
-    total = np.empty((n, 3))
+    angle, velocity = np.empty((n, 3)), np.empty((n, 3))
     for rows in blocks(n, 20_000 // parts):
         edges = time_s[rows.start : rows.stop + 1]
         fine = np.linspace(edges[:-1], edges[1:], parts, endpoint=False, axis=-1)
         instants = np.append(fine.ravel(), edges[-1])
         motion = mover.at(instants)
         step = np.diff(instants)
+        # Into the turned axes of the Earth at the end of a part.
         turn = EARTH_RATE_RADPS * step
         spin = np.zeros((len(step), 3, 3))
         spin[:, 0, 0] = spin[:, 1, 1] = np.cos(turn)
@@ -141,8 +143,11 @@ def angle_integrals(mover: Mover, time_s: np.ndarray, parts: int = 4) -> np.ndar
         change = np.swapaxes(rot[:-1], -1, -2) @ spin @ rot[1:]
         rate = inertial_rate_body(motion)
         coning = step[:, None] ** 2 / 12.0 * np.cross(rate[:-1], rate[1:])
-        total[rows] = (log_so3(change) - coning).reshape(-1, parts, 3).sum(axis=1)
-    return total
+        angle[rows] = (log_so3(change) - coning).reshape(-1, parts, 3).sum(axis=1)
+        force = specific_force_body(motion)
+        simpson = (force[:-1:2] + 4.0 * force[1::2] + force[2::2]) / 3.0 * step[::2, None]
+        velocity[rows] = simpson.reshape(-1, parts // 2, 3).sum(axis=1)
+    return angle, velocity
 
 
 def earth_rate_ned(latitude_rad: float | np.ndarray) -> np.ndarray:

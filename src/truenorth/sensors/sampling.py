@@ -10,12 +10,20 @@ import numpy as np
 from ..timescales import NS_PER_S
 from .checks import require_not_negative, require_positive
 
-__all__ = ["SampledSensor", "Stream", "blocks", "quantise", "sample_times_s", "stamp_times", "table_at"]
+__all__ = [
+    "GeneratorByName",
+    "SampledSensor",
+    "blocks",
+    "quantise",
+    "sample_times_s",
+    "stamp_times",
+    "table_at",
+]
 
-Stream = Callable[..., np.random.Generator]
-"""``stream("noise")`` gives the random generator of one purpose, the same whatever else is drawn.
+GeneratorByName = Callable[..., np.random.Generator]
+"""``generator("noise")`` gives the random generator of one purpose, the same whatever else is drawn.
 
-An emulated session passes ``functools.partial(randomness.stream, seed, "sensors")``.
+``functools.partial(truenorth.simulation.randomness.stream, seed)`` is one.
 """
 
 
@@ -58,7 +66,7 @@ def sample_times_s(sensor: SampledSensor, duration_s: float) -> np.ndarray:
 
 
 def stamp_times(
-    sensor: SampledSensor, time_s: np.ndarray, start_ns: int, stream: Stream
+    sensor: SampledSensor, time_s: np.ndarray, start_ns: int, generator: GeneratorByName
 ) -> tuple[np.ndarray, np.ndarray]:
     """True times of samples, and the times that the logging clock gives them.
 
@@ -70,7 +78,7 @@ def stamp_times(
         Instants of the samples, seconds since the start.
     start_ns : int
         GPS time of the start, nanoseconds.
-    stream : callable
+    generator : callable
         Random generators by name; the clock's ticks fall at a random phase.
 
     Returns
@@ -81,7 +89,7 @@ def stamp_times(
     stamped_ns = true_ns + round(sensor.latency_s * NS_PER_S)
     step_ns = round(sensor.time_tag_step_s * NS_PER_S)
     if step_ns > 0:
-        tick_ns = start_ns + int(stream("clock_phase").integers(step_ns))
+        tick_ns = start_ns + int(generator("clock_phase").integers(step_ns))
         stamped_ns = tick_ns + (stamped_ns - tick_ns) // step_ns * step_ns
     return true_ns, stamped_ns
 
