@@ -10,7 +10,8 @@ The source gives the bits and their number: a sync bit of 1, 0, 0 at the head of
 status bit, and 20 bits that are 12 of rotation and then 8 of temperature. It gives neither the coding of
 the rotation nor the scale of the temperature: both are settings (`FogCoding`). The defaults are offset
 binary (2048 is no rotation, as of a converter that spans -100 to +100 deg/s) and half degrees from -40,
-which hold the specified -40 to +70 degrees Celsius.
+which hold the specified -40 to +70 degrees Celsius. Samples keep the counts; the simulated gyro
+(`truenorth.sensors.gyro`) has the same columns.
 
 A packet counts only where exactly two bytes stand between its first byte and the next first byte, or the
 end: one lost or surplus byte costs the packets that it touches and nothing else. Damage that leaves the
@@ -23,8 +24,8 @@ included, is k / rate after the start), or logged, in the text form that this mo
     # fog-packet 1
     # rotation = offset_binary
     # temperature = unsigned
-    # temperature_scale_c = 0.5
-    # temperature_offset_c = -40.0
+    # temperature_step_degc = 0.5
+    # temperature_zero_degc = -40.0
     929 339200.055000000 a0107e
 
 Each further line is what one read of the port returned, in hexadecimal, after its stamp
@@ -52,6 +53,7 @@ from .stamped_lines import sort_by_time, split_stamp, stamp
 
 __all__ = [
     "FogCoding",
+    "coding_of",
     "decode_packets",
     "encode_fog_log",
     "encode_packets",
@@ -82,8 +84,8 @@ class FogCoding:
     rotation : {"offset_binary", "twos_complement"}
         Coding of the 12 bits of rotation; both give -2048 to 2047 counts.
     temperature : {"unsigned", "twos_complement"}
-        Coding of the 8 bits of temperature.
-    temperature_scale_c, temperature_offset_c : float
+        Coding of the 8 bits of temperature: 0 to 255 or -128 to 127 counts.
+    temperature_step_degc, temperature_zero_degc : float
         Degrees Celsius of one count, and of count zero.
 
     Raises
@@ -94,8 +96,8 @@ class FogCoding:
 
     rotation: str = "offset_binary"
     temperature: str = "unsigned"
-    temperature_scale_c: float = 0.5
-    temperature_offset_c: float = -40.0
+    temperature_step_degc: float = 0.5
+    temperature_zero_degc: float = -40.0
 
     def __post_init__(self):
         """Refuse impossible values."""
@@ -106,14 +108,10 @@ class FogCoding:
             value = getattr(self, key)
             if value not in known:
                 raise ConfigError(f"`{key}` is {value!r}; give {' or '.join(known)}", key=key, value=value)
-        for key in ("temperature_scale_c", "temperature_offset_c"):
+        for key, refused in (("temperature_step_degc", 0.0), ("temperature_zero_degc", None)):
             value = getattr(self, key)
-            if not isfinite(value) or (key == "temperature_scale_c" and value == 0.0):
-                raise ConfigError(
-                    f"`{key}` is {value!r}; give a number{' but zero' if value == 0.0 else ''}",
-                    key=key,
-                    value=value,
-                )
+            if not isfinite(value) or value == refused:
+                raise ConfigError(f"`{key}` is {value!r}; give degrees Celsius", key=key, value=value)
 
 
 def decode_packets(stream, coding=FogCoding()):
@@ -131,7 +129,7 @@ def decode_packets(stream, coding=FogCoding()):
     offset : ndarray of int64, shape (n,)
         First byte of each packet.
     columns : dict of str to ndarray, shape (n,)
-        ``rate_count`` (int64), ``temperature_c`` (float64), ``failed`` (bool).
+        ``rate_count``, ``temperature_count``, ``status`` (1 where the gyro says that it has failed).
     n_rejected_packets : int
         First bytes of packets that are cut or too long.
     """
@@ -140,7 +138,6 @@ def decode_packets(stream, coding=FogCoding()):
     following = np.append(first[1:], len(data))
     whole = following - first == _PACKET_BYTES
     offset = first[whole].astype(np.int64)
-    # Empty streams included: take() of nothing is nothing.
     one, two, three = (data[offset + k].astype(np.int64) for k in range(_PACKET_BYTES))
     rotation = (one & 0x3F) << 6 | two >> 1
     if coding.rotation == "offset_binary":
@@ -152,8 +149,8 @@ def decode_packets(stream, coding=FogCoding()):
         count = (count ^ 0x80) - 0x80
     columns = {
         "rate_count": rotation,
-        "temperature_c": coding.temperature_offset_c + coding.temperature_scale_c * count,
-        "failed": (one & 0x40) != 0,
+        "temperature_count": count,
+        "status": one >> 6 & 1,
     }
     return offset, columns, len(first) - len(offset)
 
@@ -164,8 +161,8 @@ def encode_packets(log, coding=FogCoding()):
     Parameters
     ----------
     log : SensorLog
-        With ``rate_count`` (counts, rounded to whole ones), ``temperature_c`` (rounded to the scale) and,
-        where the gyro may fail, ``failed``.
+        With ``rate_count``, ``temperature_count`` and, where the gyro may fail, ``status``; counts are
+        rounded to whole ones.
     coding : FogCoding, optional
         What the bits mean.
 
@@ -179,12 +176,11 @@ def encode_packets(log, coding=FogCoding()):
     FormatError
         If a column is missing or holds a value that the bits cannot.
     """
-    rotation = _whole_numbers(log, "rate_count", 1.0, 0.0, -_HALF_RANGE, _HALF_RANGE - 1)
+    rotation = _whole_numbers(log, "rate_count", -_HALF_RANGE, _HALF_RANGE - 1)
     rotation = rotation + _HALF_RANGE if coding.rotation == "offset_binary" else rotation & 0xFFF
-    low = 0 if coding.temperature == "unsigned" else -128
-    scale, zero = coding.temperature_scale_c, coding.temperature_offset_c
-    count = _whole_numbers(log, "temperature_c", scale, zero, low, low + 255) & 0xFF
-    failed = np.asarray(log.columns.get("failed", np.zeros(log.n_samples, dtype=bool)), dtype=bool)
+    lowest = 0 if coding.temperature == "unsigned" else -128
+    count = _whole_numbers(log, "temperature_count", lowest, lowest + 255) & 0xFF
+    failed = np.asarray(log.columns.get("status", np.zeros(log.n_samples))) != 0
     packets = np.empty((log.n_samples, _PACKET_BYTES), dtype=np.uint8)
     packets[:, 0] = _SYNC | failed.astype(np.int64) << 6 | rotation >> 6
     packets[:, 1] = (rotation & 0x3F) << 1 | count >> 7
@@ -192,23 +188,23 @@ def encode_packets(log, coding=FogCoding()):
     return packets
 
 
-def _whole_numbers(log, name, scale, zero, lowest, highest):
-    """One column in counts, as int64."""
+def _whole_numbers(log, name, lowest, highest):
+    """One column of counts as int64."""
     if name not in log.columns:
-        raise FormatError(f"a gyro packet holds `{name}`, and the log has only {', '.join(log.columns)}")
-    with np.errstate(invalid="ignore"):
-        counts = np.rint((np.asarray(log.columns[name], dtype=float) - zero) / scale)
+        raise FormatError(
+            f"a gyro packet holds `{name}`, and the log has only {', '.join(log.columns)}; add the column"
+        )
+    counts = np.rint(np.asarray(log.columns[name], dtype=float))
     outside = ~((counts >= lowest) & (counts <= highest))
     if np.any(outside):
-        value = log.columns[name][np.flatnonzero(outside)[0]]
         raise FormatError(
-            f"`{name}` is {value} in {int(outside.sum())} samples and a gyro packet holds "
-            f"{zero + scale * lowest:g} to {zero + scale * highest:g}; limit it, as the gyro does"
+            f"`{name}` is {log.columns[name][np.flatnonzero(outside)[0]]} and in all {int(outside.sum())} "
+            f"samples are outside of the {lowest} to {highest} of a gyro packet; limit them, as the gyro does"
         )
     return counts.astype(np.int64)
 
 
-def implausible_packets(log, *, rate_jump_count=400.0, temperature_jump_c=2.0):
+def implausible_packets(log, *, rate_jump_count=400.0, temperature_jump_count=4.0):
     """Find samples that damage behind intact sync bits explains better than motion does.
 
     A sample is suspect when it differs from both its neighbours, in the same direction, by more than the
@@ -217,8 +213,8 @@ def implausible_packets(log, *, rate_jump_count=400.0, temperature_jump_c=2.0):
     Parameters
     ----------
     log : SensorLog
-        With ``rate_count`` and ``temperature_c``.
-    rate_jump_count, temperature_jump_c : float, optional
+        With ``rate_count`` and ``temperature_count``.
+    rate_jump_count, temperature_jump_count : float, optional
         Limits: 400 counts of 0.05 deg/s within a tenth of a second are an angular acceleration of
         200 deg/s^2, which no road vehicle reaches there and back within two samples.
 
@@ -229,7 +225,7 @@ def implausible_packets(log, *, rate_jump_count=400.0, temperature_jump_c=2.0):
     suspect = np.zeros(log.n_samples, dtype=bool)
     if log.n_samples < 2:
         return suspect
-    for name, limit in (("rate_count", rate_jump_count), ("temperature_c", temperature_jump_c)):
+    for name, limit in (("rate_count", rate_jump_count), ("temperature_count", temperature_jump_count)):
         step = np.diff(np.asarray(log.columns[name], dtype=float))
         before, after = np.concatenate((-step[:1], step)), np.concatenate((-step, step[-1:]))
         spike = np.minimum(np.abs(before), np.abs(after)) > limit
@@ -276,9 +272,9 @@ def read_fog_packets(path, *, coding=None, start_ns=None, rate_hz=RATE_HZ):
     Returns
     -------
     SensorLog
-        Kind ``gyro``: ``rate_count``, ``temperature_c``, ``failed``. ``meta`` has the coding, ``time``
-        (``stamped``, ``given``, or ``counted`` from zero when a raw stream has no start),
-        ``n_rejected_bytes``, ``n_rejected_packets``, ``n_rejected_lines`` and ``warnings``.
+        Kind ``gyro``: columns as `decode_packets`. ``meta`` has the coding, ``time`` (``stamped``,
+        ``given``, or ``counted`` from zero when a raw stream has no start), ``n_rejected_bytes``,
+        ``n_rejected_packets``, ``n_rejected_lines`` and ``warnings``.
 
     Raises
     ------
@@ -345,6 +341,7 @@ def parse_fog_packets(data, *, path="", coding=None, start_ns=None, rate_hz=RATE
         meta={
             "path": str(path),
             "time": kind_of_time,
+            "bits": 12.0,
             **asdict(coding),
             "n_rejected_bytes": n_bytes,
             "n_rejected_packets": n_packets,
@@ -396,7 +393,22 @@ def _coding(said, path):
         ) from None
 
 
-def encode_fog_log(log, coding=FogCoding()):
+def coding_of(log):
+    """Coding that agrees with what a log says of itself, the default where it says nothing.
+
+    Parameters
+    ----------
+    log : SensorLog
+        With the names of `FogCoding` in ``meta``.
+
+    Returns
+    -------
+    FogCoding
+    """
+    return FogCoding(**{name: log.meta[name] for name in asdict(FogCoding()) if name in log.meta})
+
+
+def encode_fog_log(log, coding=None):
     """Write samples as a log with time stamps.
 
     Parameters
@@ -404,7 +416,7 @@ def encode_fog_log(log, coding=FogCoding()):
     log : SensorLog
         As `encode_packets` takes it.
     coding : FogCoding, optional
-        What the bits mean; it is written into the head.
+        What the bits mean; it is written into the head. The default is `coding_of` the log.
 
     Returns
     -------
@@ -415,6 +427,7 @@ def encode_fog_log(log, coding=FogCoding()):
     FormatError
         As `encode_packets`.
     """
+    coding = coding or coding_of(log)
     packets = encode_packets(log, coding).tobytes().hex()
     lines = [f"{_TITLE} 1", *(f"# {name} = {value}" for name, value in asdict(coding).items())]
     width = 2 * _PACKET_BYTES
@@ -423,7 +436,7 @@ def encode_fog_log(log, coding=FogCoding()):
     return ("\n".join(lines) + "\n").encode()
 
 
-def write_fog_packets(path, log, *, coding=FogCoding(), stamped=True):
+def write_fog_packets(path, log, *, coding=None, stamped=True):
     """Write a log of gyro packets.
 
     Parameters
@@ -433,7 +446,7 @@ def write_fog_packets(path, log, *, coding=FogCoding(), stamped=True):
     log : SensorLog
         As `encode_packets` takes it.
     coding : FogCoding, optional
-        What the bits mean.
+        What the bits mean. The default is `coding_of` the log.
     stamped : bool, optional
         Write the log with time stamps, which keeps the times of the samples; else the raw stream.
 
@@ -442,5 +455,6 @@ def write_fog_packets(path, log, *, coding=FogCoding(), stamped=True):
     FormatError
         As `encode_packets`.
     """
+    coding = coding or coding_of(log)
     data = encode_fog_log(log, coding) if stamped else encode_packets(log, coding).tobytes()
     Path(path).write_bytes(data)

@@ -10,12 +10,14 @@ of the bytes between ``$`` and ``*``; the NMEA 0183 sentences hold the heading a
     C   heading, degrees (from magnetic north, or from true north where the module knows the declination)
     P   pitch, degrees, positive when the front edge is up
     R   roll, degrees, positive when the right edge is down
-    X Y Z   magnetic field, microtesla
+    X Y Z   magnetic field, microtesla; X forward, Y right, Z down
     T   temperature, degrees Celsius
     E   three hexadecimal digits: 001 magnetic anomaly, 002 inclinometer and 004 magnetometer out of range
 
 The digits are those of the module: a tenth of a degree for the angles and the temperature, a hundredth of
-a microtesla for the field. Sentences without a checksum, as the module sends them in mils, are rejected.
+a microtesla for the field. The columns are those of the simulated compass and tilt meter
+(`truenorth.sensors`), the field in nanotesla. Sentences without a checksum, as the module sends them in
+mils, are rejected.
 
 A sentence has no time. It is given (start and rate: the k-th line, damaged ones included, is k / rate
 after the start), or the computer that logs the module wrote it before each sentence, week and seconds of
@@ -47,14 +49,15 @@ ANOMALY, TILT_OUT_OF_RANGE, FIELD_OUT_OF_RANGE = 1, 2, 4
 """Bits of ``error_code``."""
 
 _NUMBER = r"-?\d{1,4}(?:\.\d{0,3})?"
+# Column, its unit in units of the sentence, digits.
 _FIELDS = {
-    "C": ("heading_magnetic_deg", 1),
-    "P": ("pitch_deg", 1),
-    "R": ("roll_deg", 1),
-    "X": ("field_x_ut", 2),
-    "Y": ("field_y_ut", 2),
-    "Z": ("field_z_ut", 2),
-    "T": ("temperature_c", 1),
+    "C": ("heading_magnetic_deg", 1.0, 1),
+    "P": ("pitch_deg", 1.0, 1),
+    "R": ("roll_deg", 1.0, 1),
+    "X": ("field_forward_nt", 1e-3, 2),
+    "Y": ("field_right_nt", 1e-3, 2),
+    "Z": ("field_down_nt", 1e-3, 2),
+    "T": ("temperature_degc", 1.0, 1),
 }
 _STANDARD = re.compile("".join(f"(?:{letter}({_NUMBER}))?" for letter in _FIELDS) + "(?:E([0-9A-F]{3}))?")
 _NMEA = re.compile(rf"HCHD([MT]),({_NUMBER}),\1")
@@ -63,9 +66,9 @@ _LOOKS_LIKE = re.compile(
     rb"(?:\d{1,4} \d{1,6}(?:\.\d*)? )?\$(?:HCHD[MT],|[CPRXT]-?\d+\.\d)[^$]*\*[0-9A-F]{2}"
 )
 
-_COLUMNS = [name for name, _ in _FIELDS.values()]
-_ALWAYS = ("heading_magnetic_deg", "pitch_deg", "roll_deg", "temperature_c")
-_TILT = ("pitch_deg", "roll_deg", "temperature_c", "is_out_of_range", "error_code")
+_COLUMNS = {name: unit for name, unit, _ in _FIELDS.values()}
+_ALWAYS = ("heading_magnetic_deg", "pitch_deg", "roll_deg", "temperature_degc")
+_TILT = ("pitch_deg", "roll_deg", "temperature_degc", "error_code")
 
 
 def is_tcm2(head):
@@ -92,9 +95,9 @@ def read_tcm2(path, *, start_ns=None, rate_hz=RATE_HZ, north="magnetic"):
     SensorLog
         Kind ``compass``, or ``tilt`` where no sentence has a heading. Columns
         ``heading_magnetic_deg`` (or ``heading_true_deg``, or both), ``pitch_deg``, ``roll_deg``,
-        ``temperature_c``, ``is_anomalous``, ``is_out_of_range``, ``error_code`` and, where they are sent,
-        ``field_x_ut``, ``field_y_ut``, ``field_z_ut``; NaN where a sentence lacks the field. ``meta``
-        has ``time`` (``stamped``, ``given``, or ``counted`` from zero when there is no start),
+        ``temperature_degc``, ``anomaly`` (1: raised), ``error_code`` (all bits) and, where they are sent,
+        ``field_forward_nt``, ``field_right_nt``, ``field_down_nt``; NaN where a sentence lacks the field.
+        ``meta`` has ``time`` (``stamped``, ``given``, or ``counted`` from zero when there is no start),
         ``n_rejected_lines``, ``n_rejected_bytes`` and ``warnings``.
 
     Raises
@@ -192,7 +195,8 @@ def _sentence(text):
         if standard is None:
             return None
         *numbers, code = standard.groups()
-        values = {name: float(n) for name, n in zip(_COLUMNS, numbers, strict=True) if n is not None}
+        fields = zip(_COLUMNS.items(), numbers, strict=True)
+        values = {name: float(n) / unit for (name, unit), n in fields if n is not None}
         if not values:
             return None
         values["error_code"] = int(code or "0", 16)
@@ -216,8 +220,7 @@ def _columns(sentences, north):
         if name.startswith("heading"):
             values[values == 360.0] = 0.0
     code = np.array([s.get("error_code", 0) for s in sentences], dtype=np.int64)
-    columns["is_anomalous"] = (code & ANOMALY) != 0
-    columns["is_out_of_range"] = (code & (TILT_OUT_OF_RANGE | FIELD_OUT_OF_RANGE)) != 0
+    columns["anomaly"] = code & ANOMALY
     columns["error_code"] = code
     return columns
 
@@ -233,7 +236,7 @@ def split_tcm2(log):
     Returns
     -------
     compass, tilt : SensorLog
-        Both with all times; the tilt meter has pitch, roll, temperature and the error flags.
+        Both with all times; the tilt meter has pitch, roll, temperature and the error code.
     """
     compass = {name: c for name, c in log.columns.items() if name not in ("pitch_deg", "roll_deg")}
     tilt = {name: c for name, c in log.columns.items() if name in _TILT}
@@ -250,7 +253,7 @@ def encode_tcm2(log, *, tilt=None, form="standard", stamped=True):
     ----------
     log : SensorLog
         Any of the columns that `read_tcm2` gives; fields that are NaN are left out of the sentence.
-        ``is_anomalous`` sets the anomaly bit of ``error_code``.
+        ``anomaly`` sets the lowest bit of ``error_code``.
     tilt : SensorLog, optional
         Samples of the tilt meter in the same module, at the same times: its columns are added.
     form : {"standard", "nmea"}, optional
@@ -283,16 +286,15 @@ def encode_tcm2(log, *, tilt=None, form="standard", stamped=True):
     ).encode()
 
 
-def _limited(name, values):
-    """Values that the sentence can hold; the heading within the circle after rounding."""
-    values = np.asarray(values, dtype=float)
+def _limited(name, values, unit=1.0):
+    """Values in units of the sentence, which can hold them; the heading within the circle after rounding."""
+    values = np.asarray(values, dtype=float) * unit
     if name.startswith("heading"):
         return np.round(values, 1) % 360.0
     limit = {"pitch_deg": 90.0, "roll_deg": 180.0}.get(name, 9999.0)
     if np.any(np.abs(values) > limit):
-        raise FormatError(
-            f"`{name}` is {np.nanmax(np.abs(values)):g}, and the sentence holds up to {limit:g}"
-        )
+        largest = np.nanmax(np.abs(values)) / unit
+        raise FormatError(f"`{name}` reaches {largest:g}, and the sentence holds {limit / unit:g}; limit it")
     return values
 
 
@@ -300,11 +302,11 @@ def _standard_bodies(columns, n):
     if "heading_magnetic_deg" not in columns and "heading_true_deg" in columns:
         columns = {**columns, "heading_magnetic_deg": columns["heading_true_deg"]}
     code = np.asarray(columns.get("error_code", np.zeros(n)), dtype=np.int64) & 0xFFF
-    if "is_anomalous" in columns:
-        code = code & ~ANOMALY | np.asarray(columns["is_anomalous"], dtype=bool) * ANOMALY
+    if "anomaly" in columns:
+        code = code & ~ANOMALY | np.where(np.asarray(columns["anomaly"]) != 0, ANOMALY, 0)
     parts = [
-        (letter, decimals, _limited(name, columns[name]).tolist())
-        for letter, (name, decimals) in _FIELDS.items()
+        (letter, digits, _limited(name, columns[name], unit).tolist())
+        for letter, (name, unit, digits) in _FIELDS.items()
         if name in columns
     ]
     for k, bits in enumerate(code.tolist()):
@@ -315,13 +317,11 @@ def _standard_bodies(columns, n):
 
 
 def _nmea_bodies(columns):
-    letter, name = (
-        ("M", "heading_magnetic_deg") if "heading_magnetic_deg" in columns else ("T", "heading_true_deg")
-    )
+    letter, name = "M", "heading_magnetic_deg"
+    if name not in columns:
+        letter, name = "T", "heading_true_deg"
     if name not in columns or not np.all(np.isfinite(columns[name])):
-        raise FormatError(
-            "an NMEA sentence of the compass needs a heading, and samples lack it; leave them out"
-        )
+        raise FormatError("an NMEA sentence of the compass is a heading, and samples lack it; leave them out")
     for value in _limited(name, columns[name]).tolist():
         yield f"HCHD{letter},{value:.1f},{letter}"
 
