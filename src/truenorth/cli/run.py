@@ -85,7 +85,7 @@ def run_session(
             from .first_run import compile_kernels
 
             compiling = compile_kernels(session)
-            solution = solve_session(session, progress=progress)
+            solution = solve_session(session, progress=progress, keep_residuals=explain is not None)
     said = [str(warning.message) for warning in caught if issubclass(warning.category, TrueNorthWarning)]
 
     written = []

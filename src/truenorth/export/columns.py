@@ -135,13 +135,11 @@ def column_arrays(solution):
         yield solution.cov_enu_m2[:, row, column]
     for name in ("pdop", "hdop", "vdop", "azimuth_dop", "elevation_dop", "chi2", "chi2_limit"):
         yield getattr(solution, name)
-    latitude_rad, longitude_rad, height_m = _geodetic(solution.position_ecef_m)
-    yield degrees(latitude_rad)
-    yield degrees(longitude_rad)
-    yield height_m
+    yield from geodetic_degrees(solution.position_ecef_m)
 
 
-def _geodetic(position_ecef_m):
-    """Geodetic coordinates; NaN for the centre of the Earth, which stands for no position."""
+def geodetic_degrees(position_ecef_m):
+    """Latitude and longitude in degrees and height; NaN for the centre of the Earth, which is no position."""
     absent = ~np.any(position_ecef_m, axis=-1, keepdims=True)
-    return geodetic_from_ecef(np.where(absent, np.nan, position_ecef_m))
+    latitude_rad, longitude_rad, height_m = geodetic_from_ecef(np.where(absent, np.nan, position_ecef_m))
+    return np.degrees(latitude_rad), np.degrees(longitude_rad), height_m

@@ -6,13 +6,16 @@ a table library for them.
 
 import json
 import os
+import re
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
+from ..attitude.array_solution import AttitudeSolution
 from ..errors import ConfigError
-from .columns import COLUMNS, column_arrays, format_times
+from .columns import format_times
+from .layout import arrays_of, columns_of
 
 __all__ = ["FORMATS", "check_output_path", "write_solution"]
 
@@ -32,8 +35,8 @@ def write_solution(solution, path, *, format=None):
 
     Parameters
     ----------
-    solution : BaselineSolution
-        Result of `truenorth.solve_baseline`.
+    solution : BaselineSolution or AttitudeSolution
+        Result of `truenorth.solve_session`.
     path : str or path-like
         File to write; an existing one is replaced.
     format : {"csv", "parquet", "pos", "nmea", "json", "netcdf"}, optional
@@ -51,6 +54,13 @@ def write_solution(solution, path, *, format=None):
     """
     path = Path(path)
     name = check_output_path(path, format=format)
+    if name == "pos" and isinstance(solution, AttitudeSolution):
+        raise ConfigError(
+            f"could not write {path}: this format holds one baseline, not the attitude of "
+            f"{len(solution.antennas)} antennas; give a .csv, .parquet, .nmea, .json or .nc file",
+            key="out",
+            value=str(path),
+        )
     try:
         if name == "parquet":
             from .tables import to_polars
@@ -122,12 +132,28 @@ def ensure_writable(path, *, key="out"):
 
 def csv_text(solution):
     """The result as CSV text; begins with the columns of the contract."""
-    header = ",".join(column.name for column in COLUMNS)
-    row = ",".join(column.spec for column in COLUMNS) + "\n"
-    arrays = [values.tolist() for values in _text_arrays(solution)]
+    columns = columns_of(solution)
+    header = ",".join(column.name for column in columns)
+    row = ",".join(column.spec for column in columns) + "\n"
+    arrays = [_quoted(values.tolist()) for values in _text_arrays(solution)]
     body = row * solution.n_epochs % tuple(chain.from_iterable(zip(*arrays, strict=True)))
-    # The words of status and reason do not contain "nan", see the tests.
-    return f"{header}\n{body.replace('nan', 'NaN')}"
+    # The words of status and reason do not contain "nan", see the tests; a name might.
+    body = re.sub(r"(?<=,)nan(?=[,\n])", "NaN", body)
+    return f"{header}\n{body}"
+
+
+def _quoted(cells):
+    """Cells of a CSV column; names of antennas may hold what separates cells."""
+    if cells and isinstance(cells[0], str):
+        return [_quote(cell) for cell in cells]
+    return cells
+
+
+def _quote(cell):
+    if not re.search('[",\n]', cell):
+        return cell
+    doubled = cell.replace('"', '""')
+    return f'"{doubled}"'
 
 
 def json_text(solution):
@@ -135,7 +161,7 @@ def json_text(solution):
     from .summary import summarize_solution
 
     columns = {}
-    for column, values in zip(COLUMNS, _text_arrays(solution), strict=True):
+    for column, values in zip(columns_of(solution), _text_arrays(solution), strict=True):
         listed = values.tolist()
         if values.dtype.kind == "f":
             listed = [value if value == value else None for value in listed]
@@ -144,7 +170,7 @@ def json_text(solution):
 
 
 def _text_arrays(solution):
-    arrays = column_arrays(solution)
+    arrays = arrays_of(solution)
     next(arrays)
     yield np.array(format_times(solution.time_ns), dtype=object)
     yield from arrays

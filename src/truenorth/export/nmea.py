@@ -1,7 +1,8 @@
 """NMEA 0183 sentences of a solution: ``PASHR``, ``HDT`` and ``THS`` for every epoch.
 
-The azimuth of the baseline is given as heading and its elevation as pitch: this is the attitude of
-a platform whose second antenna stands straight ahead of the first. Roll is unknown and stays empty.
+Of two antennas the azimuth of the baseline is given as heading and its elevation as pitch: this is
+the attitude of a platform whose second antenna stands straight ahead of the first. Roll is unknown and
+stays empty; three antennas and more give it.
 A heading goes out for validated integers only; otherwise the fields are empty, ``THS`` says ``V``
 and the quality of ``PASHR`` is 1 for a float solution and 0 for none.
 
@@ -12,6 +13,7 @@ NMEA 0183 version 4.10 (HDT, THS); Trimble, BD9xx receiver help, message PASHR.
 
 import numpy as np
 
+from ..attitude.array_solution import AttitudeSolution
 from ..errors import Status
 from ..timescales import NS_PER_DAY, NS_PER_S, leap_seconds
 
@@ -61,8 +63,8 @@ def nmea_text(solution):
 
     Parameters
     ----------
-    solution : BaselineSolution
-        Result of `truenorth.solve_baseline`.
+    solution : BaselineSolution or AttitudeSolution
+        Result of `truenorth.solve_session`.
 
     Returns
     -------
@@ -71,22 +73,24 @@ def nmea_text(solution):
     """
     systems = str(solution.settings.get("systems", ""))
     talker = _TALKERS.get(systems, "GN")
-    heading_deg = np.mod(np.round(np.degrees(solution.azimuth_rad), 3), 360.0)
+    angles = np.degrees(_angles(solution))
+    heading_deg = np.mod(np.round(angles[0], 3), 360.0)
     rows = zip(
         utc_clock(solution.time_ns),
         heading_deg.tolist(),
-        np.degrees(solution.elevation_rad).tolist(),
-        np.degrees(solution.azimuth_sd_rad).tolist(),
-        np.degrees(solution.elevation_sd_rad).tolist(),
+        *angles[1:].tolist(),
         solution.is_accepted.tolist(),
         (solution.status == Status.FLOAT).tolist(),
         strict=True,
     )
     lines = []
-    for clock, heading, pitch, heading_sd, pitch_sd, accepted, is_float in rows:
+    for clock, heading, pitch, roll, heading_sd, pitch_sd, roll_sd, accepted, is_float in rows:
         if accepted:
+            roll_text = f"{roll:+.3f}" if roll == roll else ""
+            roll_sd_text = f"{roll_sd:.3f}" if roll_sd == roll_sd else ""
             bodies = (
-                f"PASHR,{clock},{heading:.3f},T,,{pitch:+.3f},,,{pitch_sd:.3f},{heading_sd:.3f},2,0",
+                f"PASHR,{clock},{heading:.3f},T,{roll_text},{pitch:+.3f},,{roll_sd_text},{pitch_sd:.3f},"
+                f"{heading_sd:.3f},2,0",
                 f"{talker}HDT,{heading:.3f},T",
                 f"{talker}THS,{heading:.3f},A",
             )
@@ -98,3 +102,17 @@ def nmea_text(solution):
             )
         lines += [f"${body}*{checksum(body)}\r\n" for body in bodies]
     return "".join(lines)
+
+
+def _angles(solution):
+    """Heading, pitch, roll and their standard deviations, ndarray, shape (6, n)."""
+    if isinstance(solution, AttitudeSolution):
+        angles = (solution.heading_rad, solution.pitch_rad, solution.roll_rad)
+        return np.stack([*angles, *(solution.angle_sd_rad(k) for k in range(3))])
+    unknown = np.full(solution.n_epochs, np.nan)
+    return np.stack(
+        [
+            solution.azimuth_rad, solution.elevation_rad, unknown,
+            solution.azimuth_sd_rad, solution.elevation_sd_rad, unknown,
+        ]
+    )  # fmt: skip

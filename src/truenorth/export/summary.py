@@ -6,6 +6,7 @@ means are over accepted epochs (fixed or held). For a platform that turns the me
 
 import numpy as np
 
+from ..attitude.array_solution import AttitudeSolution
 from ..attitude.length_check import compare_length
 from ..errors import REASON_SENTENCES, Reason, Status
 from ..timescales import format_gpst
@@ -18,8 +19,9 @@ def summarize_solution(solution):
 
     Parameters
     ----------
-    solution : BaselineSolution
-        Result of `truenorth.solve_baseline`.
+    solution : BaselineSolution or AttitudeSolution
+        Result of `truenorth.solve_baseline`; that of an array has a summary of its own, see
+        `truenorth.export.attitude_summary.summarize_attitude`.
 
     Returns
     -------
@@ -29,14 +31,14 @@ def summarize_solution(solution):
         is none); ``length_check``; ``reasons``; ``satellites`` and ``signals`` used; ``inputs``,
         ``seconds``, ``warnings``.
     """
+    if isinstance(solution, AttitudeSolution):
+        from .attitude_summary import summarize_attitude
+
+        return summarize_attitude(solution)
     from .. import __version__
 
     accepted = solution.is_accepted
     n_epochs = solution.n_epochs
-    by_status = {
-        status.label: int(np.count_nonzero(solution.status == status))
-        for status in sorted(Status, reverse=True)
-    }
     reasons = {
         reason.name.lower(): {"epochs": count, "sentence": REASON_SENTENCES[reason]}
         for reason, count in solution.reason_counts().items()
@@ -48,25 +50,40 @@ def summarize_solution(solution):
         "first_gpst": format_gpst(solution.time_ns[0]) if n_epochs else None,
         "last_gpst": format_gpst(solution.time_ns[-1]) if n_epochs else None,
         "epochs": n_epochs,
-        "epochs_by_status": by_status,
+        "epochs_by_status": epochs_by_status(solution),
         "accepted_fraction": float(np.count_nonzero(accepted) / n_epochs) if n_epochs else 0.0,
-        "azimuth_deg": _angle(solution.azimuth_rad[accepted], solution.azimuth_sd_rad[accepted], turn=360.0),
-        "elevation_deg": _angle(solution.elevation_rad[accepted], solution.elevation_sd_rad[accepted]),
+        "azimuth_deg": angle_entry(
+            solution.azimuth_rad[accepted], solution.azimuth_sd_rad[accepted], turn=360.0
+        ),
+        "elevation_deg": angle_entry(solution.elevation_rad[accepted], solution.elevation_sd_rad[accepted]),
         "length_m": _plain(solution.length_m[accepted], solution.length_sd_m[accepted]),
         "length_check": dict(solution.length_check) or compare_length(solution),
         "reasons": reasons,
-        "satellites": _spread(solution.n_sats[accepted]),
-        "signals": _spread(solution.n_signals[accepted]),
-        "inputs": _jsonable(solution.inputs),
-        "seconds": {
-            **dict.fromkeys(("read", "compile", "solve", "write"), 0.0),
-            **{name: float(value) for name, value in solution.seconds.items()},
-        },
+        "satellites": spread_entry(solution.n_sats[accepted]),
+        "signals": spread_entry(solution.n_signals[accepted]),
+        "inputs": jsonable(solution.inputs),
+        "seconds": stage_seconds(solution),
         "warnings": list(solution.warnings),
     }
 
 
-def _angle(angle_rad, sd_rad, *, turn=None):
+def epochs_by_status(solution):
+    """Epochs by the word of their status, the best first."""
+    return {
+        status.label: int(np.count_nonzero(solution.status == status))
+        for status in sorted(Status, reverse=True)
+    }
+
+
+def stage_seconds(solution):
+    """Wall time of every stage, 0 where there was none."""
+    return {
+        **dict.fromkeys(("read", "compile", "solve", "write"), 0.0),
+        **{name: float(value) for name, value in solution.seconds.items()},
+    }
+
+
+def angle_entry(angle_rad, sd_rad, *, turn=None):
     """Circular mean and scatter in degrees; the mean lies in [0, `turn`) where one is given."""
     known = np.isfinite(angle_rad)
     if not np.any(known):
@@ -104,18 +121,19 @@ def _finite(value):
     return float(value) if np.isfinite(value) else None
 
 
-def _spread(counts):
+def spread_entry(counts):
+    """Least, middle and largest of some counts; None where there are none."""
     if len(counts) == 0:
         return {"min": None, "median": None, "max": None}
     return {"min": int(np.min(counts)), "median": float(np.median(counts)), "max": int(np.max(counts))}
 
 
-def _jsonable(value):
+def jsonable(value):
     """Plain dictionaries, lists, strings and finite numbers, for strict JSON."""
     if isinstance(value, dict):
-        return {str(key): _jsonable(inner) for key, inner in value.items()}
+        return {str(key): jsonable(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple | set | np.ndarray):
-        return [_jsonable(inner) for inner in value]
+        return [jsonable(inner) for inner in value]
     if isinstance(value, bool | np.bool_):
         return bool(value)
     if isinstance(value, int | np.integer):

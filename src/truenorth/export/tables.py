@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from ..attitude.array_solution import AttitudeSolution
 from ..timescales import gpst_to_datetime64
-from .columns import COLUMNS, column_arrays, reason_labels, status_labels
+from .columns import COLUMNS, reason_labels, status_labels
+from .layout import arrays_of, columns_of
 
 __all__ = ["solution_columns", "to_polars", "to_xarray"]
 
@@ -13,16 +15,16 @@ def solution_columns(solution):
 
     Parameters
     ----------
-    solution : BaselineSolution
-        Result of `truenorth.solve_baseline`.
+    solution : BaselineSolution or AttitudeSolution
+        Result of `truenorth.solve_session`.
 
     Returns
     -------
     dict of str to ndarray
         In the order of the CSV columns; angles in degrees, times as ``datetime64[ns]`` of GPS time.
     """
-    names = (column.name for column in COLUMNS)
-    return dict(zip(names, column_arrays(solution), strict=True))
+    names = (column.name for column in columns_of(solution))
+    return dict(zip(names, arrays_of(solution), strict=True))
 
 
 def to_polars(solution):
@@ -30,8 +32,8 @@ def to_polars(solution):
 
     Parameters
     ----------
-    solution : BaselineSolution
-        Result of `truenorth.solve_baseline`.
+    solution : BaselineSolution or AttitudeSolution
+        Result of `truenorth.solve_session`.
 
     Returns
     -------
@@ -52,8 +54,8 @@ def to_xarray(solution):
 
     Parameters
     ----------
-    solution : BaselineSolution
-        Result of `truenorth.solve_baseline`.
+    solution : BaselineSolution or AttitudeSolution
+        Result of `truenorth.solve_session`.
 
     Returns
     -------
@@ -63,6 +65,8 @@ def to_xarray(solution):
     """
     import xarray as xr
 
+    if isinstance(solution, AttitudeSolution):
+        return _attitude_dataset(solution)
     table = {column.name: column for column in COLUMNS}
     skipped = ("time_gpst", "status", "reason", "east_m", "north_m", "up_m")
     variables = {}
@@ -94,4 +98,35 @@ def to_xarray(solution):
     time = ("time", gpst_to_datetime64(solution.time_ns), {"long_name": "GPS time"})
     axes = {"enu": ["east", "north", "up"], "enu_": ["east", "north", "up"], "ecef": ["x", "y", "z"]}
     attributes = {"title": "TrueNorth baseline solution", "convention": "azimuth clockwise from true north"}
+    return xr.Dataset(variables, coords={"time": time, **axes}, attrs=attributes)
+
+
+def _attitude_dataset(solution):
+    """The attitude as an xarray dataset: its table, its covariance and its rotation."""
+    import xarray as xr
+
+    variables = {
+        column.name: ("time", np.array(values), {"units": column.unit, "long_name": column.description})
+        for column, values in zip(columns_of(solution), arrays_of(solution), strict=True)
+        if column.name != "time_gpst" and not column.name.startswith("cov_")
+    }
+    angle, ned, body = ["heading", "pitch", "roll"], ["north", "east", "down"], ["forward", "right", "down"]
+    variables["cov_deg2"] = (
+        ("time", "angle", "angle_"),
+        np.degrees(np.degrees(solution.cov_rad2)),
+        {"units": "degree2", "long_name": "covariance of heading, pitch and roll"},
+    )
+    variables["rot_ned_from_body"] = (
+        ("time", "ned", "body"),
+        solution.rot_ned_from_body,
+        {"units": "1", "long_name": "attitude"},
+    )
+    for name, flags in (("is_used", solution.is_used), ("is_excluded", solution.is_excluded)):
+        variables[name] = (("time", "antenna"), flags, {"units": "1", "long_name": name.replace("_", " ")})
+    time = ("time", gpst_to_datetime64(solution.time_ns), {"long_name": "GPS time"})
+    axes = {"angle": angle, "angle_": angle, "ned": ned, "body": body, "antenna": list(solution.antennas[1:])}
+    attributes = {
+        "title": "TrueNorth attitude solution",
+        "convention": "body forward, right, down; intrinsic z-y-x angles from north, east, down",
+    }
     return xr.Dataset(variables, coords={"time": time, **axes}, attrs=attributes)

@@ -2,9 +2,11 @@
 
 import numpy as np
 
+from ..attitude.array_solution import AttitudeSolution
 from ..errors import REASON_SENTENCES, ConfigError, Reason, Status
 from ..observations import sat_name, signal_name
 from ..timescales import NS_PER_DAY, NS_PER_S, format_gpst, parse_gpst
+from .attitude_text import attitude_text, explain_attitude
 
 __all__ = ["explain_epoch", "find_epoch", "summary_text"]
 
@@ -22,6 +24,8 @@ def summary_text(summary):
     str
         Some lines, the outcome first.
     """
+    if "heading_deg" in summary:
+        return attitude_text(summary)
     share = 100.0 * summary["accepted_fraction"]
     by_status = ", ".join(f"{count} {name}" for name, count in summary["epochs_by_status"].items() if count)
     lines = [f"epochs      {summary['epochs']}, {share:.1f} % accepted ({by_status or 'none'})"]
@@ -89,7 +93,7 @@ def find_epoch(solution, text):
 
     Parameters
     ----------
-    solution : BaselineSolution
+    solution : BaselineSolution or AttitudeSolution
         Result of `truenorth.solve_baseline`.
     text : str
         GPS time in ISO 8601, or a time of day of the first day that has it.
@@ -136,7 +140,7 @@ def explain_epoch(solution, k):
 
     Parameters
     ----------
-    solution : BaselineSolution
+    solution : BaselineSolution or AttitudeSolution
         Result of `truenorth.solve_baseline`.
     k : int
         Index of the epoch.
@@ -146,6 +150,8 @@ def explain_epoch(solution, k):
     str
         Some lines.
     """
+    if isinstance(solution, AttitudeSolution):
+        return explain_attitude(solution, k, explain_epoch)
     status, reason = Status(int(solution.status[k])), Reason(int(solution.reason[k]))
     lines = [
         f"epoch       {format_gpst(solution.time_ns[k])} GPST, number {k + 1} of {solution.n_epochs}",

@@ -1,0 +1,69 @@
+"""A run over an array in a few numbers: how much was solved, how well, by which antennas."""
+
+import numpy as np
+
+from ..errors import REASON_SENTENCES, Reason
+from ..timescales import format_gpst
+from .summary import angle_entry, epochs_by_status, jsonable, spread_entry, stage_seconds
+
+__all__ = ["summarize_attitude"]
+
+
+def summarize_attitude(solution):
+    """Summarise a run over an array, in values that JSON can hold.
+
+    Parameters
+    ----------
+    solution : AttitudeSolution
+        Result of `truenorth.attitude.solve_array`.
+
+    Returns
+    -------
+    dict
+        ``epochs``, ``epochs_by_status``, ``accepted_fraction``; ``heading_deg``, ``pitch_deg``,
+        ``roll_deg`` (each ``mean``, ``sd`` and ``stated_sd`` over accepted epochs; None where there is
+        none); ``antennas``: for each but the reference its length, the share of accepted epochs of its
+        baseline and the epochs in which it was left out; ``reasons``; ``baselines`` and ``satellites``
+        used; ``inputs``, ``seconds``, ``warnings``.
+    """
+    from .. import __version__
+
+    accepted = solution.is_accepted
+    n_epochs = solution.n_epochs
+    antennas = {}
+    for k, name in enumerate(solution.antennas[1:]):
+        baseline = solution.baselines[k]
+        arm_m = solution.positions_body_m[k + 1] - solution.positions_body_m[0]
+        antennas[name] = {
+            "length_m": float(np.linalg.norm(arm_m)),
+            "accepted_fraction": float(np.count_nonzero(baseline.is_accepted) / max(n_epochs, 1)),
+            "used_epochs": int(np.count_nonzero(solution.is_used[:, k])),
+            "excluded_epochs": int(np.count_nonzero(solution.is_excluded[:, k])),
+            "length_check": jsonable(baseline.length_check),
+        }
+    return {
+        "version": __version__,
+        "method": solution.settings.get("method"),
+        "first_gpst": format_gpst(solution.time_ns[0]) if n_epochs else None,
+        "last_gpst": format_gpst(solution.time_ns[-1]) if n_epochs else None,
+        "epochs": n_epochs,
+        "epochs_by_status": epochs_by_status(solution),
+        "accepted_fraction": float(np.count_nonzero(accepted) / n_epochs) if n_epochs else 0.0,
+        "heading_deg": angle_entry(
+            solution.heading_rad[accepted], solution.angle_sd_rad(0)[accepted], turn=360.0
+        ),
+        "pitch_deg": angle_entry(solution.pitch_rad[accepted], solution.angle_sd_rad(1)[accepted]),
+        "roll_deg": angle_entry(solution.roll_rad[accepted], solution.angle_sd_rad(2)[accepted]),
+        "reference": solution.antennas[0],
+        "antennas": antennas,
+        "reasons": {
+            reason.name.lower(): {"epochs": count, "sentence": REASON_SENTENCES[reason]}
+            for reason, count in solution.reason_counts().items()
+            if reason != Reason.OK
+        },
+        "baselines": spread_entry(solution.n_baselines[accepted]),
+        "satellites": spread_entry(solution.n_sats[accepted]),
+        "inputs": jsonable(solution.inputs),
+        "seconds": stage_seconds(solution),
+        "warnings": list(solution.warnings),
+    }
