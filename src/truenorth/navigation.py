@@ -7,7 +7,7 @@ Precise orbits are positions and clocks at regular epochs. `build_navigation` an
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from typing import Any
 
@@ -20,6 +20,9 @@ __all__ = [
     "MessageType",
     "Navigation",
     "StateEphemerides",
+    "build_navigation",
+    "keep_satellites",
+    "merge_navigation",
 ]
 
 
@@ -406,3 +409,26 @@ def merge_navigation(*navigations: Navigation) -> Navigation:
         skipped=skipped,
         paths=tuple(paths),
     )
+
+
+def keep_satellites(navigation: Navigation, sats: np.ndarray) -> Navigation:
+    """Keep the broadcast ephemerides of some satellites.
+
+    Parameters
+    ----------
+    navigation : Navigation
+        All of them.
+    sats : ndarray of int
+        Satellites to keep.
+
+    Returns
+    -------
+    Navigation
+        With all else unchanged.
+    """
+
+    def rows(table: Any) -> Any:
+        keep = np.isin(table.sat, sats)
+        return replace(table, **{entry.name: getattr(table, entry.name)[keep] for entry in fields(table)})
+
+    return replace(navigation, kepler=rows(navigation.kepler), states=rows(navigation.states))

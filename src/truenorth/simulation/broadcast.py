@@ -9,16 +9,25 @@ Reference times and what is sent with them follow the interface documents: every
 NavIC, every hour for Galileo (which updates more often), BeiDou and QZSS, every half hour for GLONASS.
 """
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from ..constants import BEIDOU, GALILEO, GLONASS, GPS, NAVIC, QZSS
-from ..navigation import KEPLER_COLUMNS, STATE_COLUMNS, MessageType, build_navigation
+from ..navigation import KEPLER_COLUMNS, STATE_COLUMNS, MessageType, Navigation, build_navigation
 from ..observations import sat_name
 from ..timescales import BDT_OFFSET_NS, NS_PER_DAY, NS_PER_S, NS_PER_WEEK, leap_seconds
 from .almanac import EARTH_RATE_RADPS, GLONASS_CHANNELS, nominal_slots, orbit_elements
 from .randomness import stream
 
-__all__ = ["KeplerOrbit", "kepler_rows", "nominal_navigation"]
+__all__ = [
+    "BroadcastTruth",
+    "KeplerOrbit",
+    "as_written",
+    "kepler_rows",
+    "nominal_navigation",
+    "reference_times",
+]
 
 _INTERVAL_S = {GPS: 7200, GLONASS: 1800, GALILEO: 3600, BEIDOU: 3600, QZSS: 3600, NAVIC: 7200}
 _FIT_S = {GPS: 14_400.0, GALILEO: 28_800.0, BEIDOU: 14_400.0, QZSS: 7200.0, NAVIC: 14_400.0}
@@ -41,6 +50,26 @@ _CLOCK = {
 # Resolution of what the messages carry for them, so that every format carries the same number.
 _AF0_S, _AF1_SPS, _DELAY_S = 2.0**-34, 2.0**-50, 2.0**-32
 _BEIDOU_DELAY_S = 1e-10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BroadcastTruth:
+    """True orbits and clocks are those of broadcast ephemerides, as they are."""
+
+    navigation: Navigation
+
+    def states(self, sat, time_ns, delay_s):
+        """Position, velocity, clock, clock drift, status: see `truenorth.simulation.sky.Sky.true_states`."""
+        from ..orbits import compute_satellite_states
+
+        states = compute_satellite_states(self.navigation, sat, time_ns, delay_s=delay_s)
+        return (
+            states.position_ecef_m,
+            states.velocity_ecef_mps,
+            states.clock_s,
+            states.clock_drift_sps,
+            states.status,
+        )
 
 
 class KeplerOrbit:
@@ -76,6 +105,31 @@ def _wrapped(angle):
     return float((angle + np.pi) % (2.0 * np.pi) - np.pi)
 
 
+def as_written(navigation):
+    """Navigation data rounded to the 13 digits of a RINEX file: what is read back is then equal.
+
+    Parameters
+    ----------
+    navigation : Navigation
+        As computed.
+
+    Returns
+    -------
+    Navigation
+    """
+
+    def rounded(values, scale):
+        # GLONASS is written in kilometres.
+        digits = [float(f"{value:.12e}") for value in (values / scale).ravel().tolist()]
+        return np.array(digits).reshape(values.shape) * scale
+
+    scale = np.ones(len(STATE_COLUMNS))
+    scale[:9] = 1e3
+    kepler = replace(navigation.kepler, elements=rounded(navigation.kepler.elements, 1.0))
+    states = replace(navigation.states, states=rounded(navigation.states.states, scale))
+    return replace(navigation, kepler=kepler, states=states)
+
+
 def _is_beidou_fixed(sat):
     return sat // 100 == BEIDOU and (sat % 100 <= 5 or sat % 100 >= 59)
 
@@ -105,8 +159,23 @@ def _tilted(elements):
     }
 
 
-def _reference_times(system, start_ns, duration_s):
-    """Reference times that serve the scenario, with one to spare before and after."""
+def reference_times(system, start_ns, duration_s):
+    """Reference times of a system's ephemerides: the first before the scenario, the last after it.
+
+    Parameters
+    ----------
+    system : int
+        System code.
+    start_ns : int
+        GPS time of the start, nanoseconds.
+    duration_s : float
+        Length, seconds.
+
+    Returns
+    -------
+    list of int
+        GPS time, nanoseconds.
+    """
     step = _INTERVAL_S[system] * NS_PER_S
     offset = 0
     if system == BEIDOU:
@@ -255,7 +324,10 @@ def nominal_navigation(section, *, start_ns, duration_s, seed):
 
     Returns
     -------
-    Navigation
+    navigation : Navigation
+        As written in files.
+    truth : BroadcastTruth
+        The orbits and clocks before the messages are rounded.
     """
     reference_ns = start_ns // NS_PER_DAY * NS_PER_DAY
     rows, glonass = [], []
@@ -274,15 +346,16 @@ def nominal_navigation(section, *, start_ns, duration_s, seed):
         if system == GLONASS:
             glonass.append(orbit)
             continue
-        times_ns = _reference_times(system, start_ns, duration_s)
+        times_ns = reference_times(system, start_ns, duration_s)
         rows += kepler_rows(orbit, times_ns, _draw_clock(slot.sat, seed), reference_ns)
     states = []
     if glonass:
-        times_ns = _reference_times(GLONASS, start_ns, duration_s)
+        times_ns = reference_times(GLONASS, start_ns, duration_s)
         states = _glonass_rows(glonass, times_ns, seed, reference_ns)
-    return build_navigation(
+    exact = build_navigation(
         rows,
         states,
         klobuchar={"G": np.array(section.klobuchar)},
         leap_seconds=int(leap_seconds(start_ns)),
     )
+    return as_written(exact), BroadcastTruth(exact)

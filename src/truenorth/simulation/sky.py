@@ -3,12 +3,13 @@
 Four kinds of sky:
 
 - ``nominal``: the published nominal constellations (`truenorth.simulation.almanac`);
-- ``files``: the real constellation of RINEX navigation and SP3 files, moved in time where asked;
+- ``files``: the real constellation of RINEX navigation and SP3 files, moved by whole days where asked;
 - ``oguz``: the 24 circular orbits of Oguz (2006), eq. 2.1 to 2.4;
 - ``directions``: circular orbits through given azimuths and elevations at the start.
 
-`Sky.navigation` is what the receivers decode. `Sky.true_states` is where the signals come from: the
-broadcast orbit and clock plus errors that are fixed in the orbit's own axes,
+`Sky.navigation` is what the receivers decode. `Sky.true_states` is where the signals come from: smooth
+orbits and clocks (those of the messages before they are rounded, or the precise ones, or what passes
+smoothly from one real ephemeris to the next), plus errors in the orbit's own axes,
 
     d(t) = sd (a cos n t + b sin n t),    a, b ~ N(0, 1),    n = 2 pi / orbit period
 
@@ -22,19 +23,29 @@ assessment", Adv. Space Res. 61, 2018, 3020-3038.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
 
 from ..constants import SPEED_OF_LIGHT_MPS, SYSTEMS
 from ..errors import ConfigError
-from ..frames import azimuth_elevation_from_enu, geodetic_from_ecef, rot_enu_from_ecef
-from ..navigation import Navigation
+from ..navigation import Navigation, keep_satellites
 from ..observations import sat_id, sat_name
 from .almanac import EARTH_RATE_RADPS
 from .randomness import stream
+from .tracks import azimuth_elevation
 
-__all__ = ["NominalSky", "OrbitErrors", "Sky", "SkySection", "build_sky"]
+__all__ = [
+    "DirectionsSky",
+    "FileSky",
+    "NominalSky",
+    "OguzSky",
+    "OrbitErrors",
+    "Sky",
+    "SkySection",
+    "build_sky",
+]
 
 
 def _refuse(key, value, wanted):
@@ -68,10 +79,13 @@ def _check_selection(section):
     for name in section.leave_out:
         try:
             known = sat_name(sat_id(name)) == name
-        except ValueError:
+        except (ValueError, IndexError):
             known = False
         if not known:
             _refuse("leave_out", name, "satellites such as G05")
+
+
+_KLOBUCHAR_2004 = (1.118e-08, -7.451e-09, -5.961e-08, 1.192e-07, 1.167e05, -2.294e05, -1.311e05, 1.049e06)
 
 
 class NominalSky(
@@ -90,18 +104,10 @@ class NominalSky(
     """Satellites that are not there."""
     n_satellites: int | None = None
     """Keep only so many: those highest at the start, for the whole run."""
-    klobuchar: tuple[float, ...] = (
-        1.118e-08,
-        -7.451e-09,
-        -5.961e-08,
-        1.192e-07,
-        1.167e05,
-        -2.294e05,
-        -1.311e05,
-        1.049e06,
-    )
+    klobuchar: tuple[float, ...] = _KLOBUCHAR_2004
     """Ionosphere coefficients alpha 0-3, beta 0-3; by default those that GPS broadcast on 2004-01-01."""
     errors: OrbitErrors = _TYPICAL
+    """True minus broadcast; by default sizes of today's systems (Montenbruck and others, 2018)."""
 
     def __post_init__(self) -> None:
         if not self.systems or set(self.systems) - set("GRECJI"):
@@ -115,7 +121,114 @@ class NominalSky(
         _check_selection(self)
 
 
-SkySection = NominalSky
+class FileSky(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="files"
+):
+    """The real constellation of some day.
+
+    Broadcast ephemerides are what the receivers decode; with an SP3 file its orbits and clocks are the
+    truth (centres of mass: no satellite antenna offsets are applied). Without broadcast ephemerides they
+    are fitted to the SP3 file.
+    """
+
+    files: tuple[str, ...]
+    """RINEX navigation and SP3 files, relative to the scenario."""
+    systems: str = "GRECJIS"
+    """Letters of the systems to use of them."""
+    time_shift: Literal["days", "none"] = "days"
+    """``days``: where the scenario is on another day, move the files by whole days, with every satellite over
+    the same place on the Earth at the same time of day; ``none``: take their times as they are."""
+    smooth: bool = True
+    """The true orbits pass smoothly from one broadcast ephemeris to the next, and do not jump with them."""
+    leave_out: tuple[str, ...] = ()
+    """Satellites that are not there."""
+    n_satellites: int | None = None
+    """Keep only so many: those highest at the start, for the whole run."""
+    errors: OrbitErrors = OrbitErrors()
+    """True minus broadcast (or precise)."""
+
+    def __post_init__(self) -> None:
+        if not self.files:
+            _refuse("files", self.files, "at least one RINEX navigation or SP3 file")
+        if not self.systems or set(self.systems) - set(SYSTEMS):
+            _refuse("systems", self.systems, f"letters among {SYSTEMS}")
+        _check_selection(self)
+
+
+class OguzSky(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="oguz"
+):
+    """The 24 satellites of Oguz (2006): six planes of four, circular, 55 degrees.
+
+    The thesis gives the arguments of latitude as "multiples of 45 degrees plus a phase difference". Four
+    satellites evenly spaced in a plane are 90 degrees apart, so here the even planes hold the even
+    multiples, the odd planes the odd ones, and each plane is ahead of the one before by the phase.
+    """
+
+    phasing: Literal["multiples_of_45", "published_slots"] = "multiples_of_45"
+    """Arguments of latitude: his, or those of the 24 slots of the GPS standard."""
+    plane_phase_deg: float = 15.0
+    """Phase difference from plane to plane, for ``multiples_of_45``."""
+    orbit_radius_m: float = 26_559_700.0
+    greenwich_angle_deg: float | None = None
+    """Angle from the vernal equinox to Greenwich at the start (eq. 2.3); by default the real one."""
+    clock_bias_m: float = 2.0
+    """Error of all satellite clocks, as a delay in metres (the thesis: bias 2.0 m)."""
+    leave_out: tuple[str, ...] = ()
+    """Satellites that are not there."""
+    n_satellites: int | None = None
+    """Keep only so many: those highest at the start, for the whole run (the thesis: 3 and 4)."""
+    klobuchar: tuple[float, ...] = _KLOBUCHAR_2004
+    """Ionosphere coefficients alpha 0-3, beta 0-3; the thesis gives none."""
+    errors: OrbitErrors = OrbitErrors()
+    """True minus broadcast."""
+
+    def __post_init__(self) -> None:
+        if not 2.0e7 <= self.orbit_radius_m <= 4.5e7:
+            _refuse("orbit_radius_m", self.orbit_radius_m, "20000 to 45000 km in metres")
+        if len(self.klobuchar) != 8:
+            _refuse("klobuchar", self.klobuchar, "eight coefficients, alpha 0-3 and beta 0-3")
+        _check_selection(self)
+
+
+class DirectionsSky(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="directions"
+):
+    """GPS satellites on circular orbits, seen in given directions at the start."""
+
+    azimuth_elevation_deg: tuple[tuple[float, float], ...]
+    """Azimuth and elevation of each satellite at the start, from where the platform is."""
+    names: tuple[str, ...] = ()
+    """Their names; by default G01, G02..."""
+    orbit_radius_m: float = 26_559_800.0
+    inclination_deg: float = 55.0
+    """Raised where the satellite stands further north or south than that."""
+    leave_out: tuple[str, ...] = ()
+    n_satellites: int | None = None
+    klobuchar: tuple[float, ...] = _KLOBUCHAR_2004
+    errors: OrbitErrors = OrbitErrors()
+    """True minus broadcast."""
+
+    def __post_init__(self) -> None:
+        directions = self.azimuth_elevation_deg
+        if not 1 <= len(directions) <= 32:
+            _refuse("azimuth_elevation_deg", len(directions), "1 to 32 pairs")
+        for azimuth, elevation in directions:
+            if not (-360.0 <= azimuth <= 360.0 and -90.0 <= elevation <= 90.0):
+                _refuse("azimuth_elevation_deg", (azimuth, elevation), "pairs of azimuth and elevation")
+        if self.names and len(set(self.names)) != len(directions):
+            _refuse("names", self.names, "as many different names as directions")
+        for name in self.names:
+            if name[:1] != "G" or not name[1:].isdigit() or not 1 <= int(name[1:]) <= 32:
+                _refuse("names", name, "GPS satellites, G01 to G32")
+        if not 2.0e7 <= self.orbit_radius_m <= 4.5e7:
+            _refuse("orbit_radius_m", self.orbit_radius_m, "20000 to 45000 km in metres")
+        if not 0.0 < self.inclination_deg <= 90.0:
+            _refuse("inclination_deg", self.inclination_deg, "an angle above 0 and up to 90")
+        _check_selection(self)
+
+
+SkySection = NominalSky | FileSky | OguzSky | DirectionsSky
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,6 +248,7 @@ class Sky:
     navigation: Navigation
     satellites: np.ndarray
     source: str
+    _truth: Any = field(repr=False)
     _errors: _ErrorModel = field(repr=False)
 
     def true_states(self, sat, time_ns, delay_s=0.0):
@@ -158,16 +272,12 @@ class Sky:
         status : ndarray of uint8, shape (n,)
             `truenorth.orbits.OrbitStatus`; NaN where it is not 0.
         """
-        from ..orbits import compute_satellite_states
-
         sat = np.array(sat, dtype=np.int64, order="C", ndmin=1)
         time_ns = np.array(np.broadcast_to(np.asarray(time_ns, dtype=np.int64), sat.shape))
         delay_s = np.array(np.broadcast_to(np.asarray(delay_s, dtype=np.float64), sat.shape))
-        states = compute_satellite_states(self.navigation, sat, time_ns, delay_s=delay_s)
-        position, velocity, clock = self._errors.apply(
-            sat, time_ns, delay_s, states.position_ecef_m, states.velocity_ecef_mps, states.clock_s
-        )
-        return position, velocity, clock, states.clock_drift_sps, states.status
+        position, velocity, clock, drift, status = self._truth.states(sat, time_ns, delay_s)
+        position, velocity, clock = self._errors.apply(sat, time_ns, delay_s, position, velocity, clock)
+        return position, velocity, clock, drift, status
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,13 +291,14 @@ class _ErrorModel:
     is_zero: bool
 
     @classmethod
-    def draw(cls, errors, satellites, start_ns, seed):
+    def draw(cls, errors, satellites, start_ns, seed, *, clock_bias_m=0.0):
         amplitude, clock = np.zeros((100 * len(SYSTEMS), 3, 2)), np.zeros(100 * len(SYSTEMS))
         sd_m = np.array([errors.radial_sd_m, errors.along_sd_m, errors.cross_sd_m])
         for sat in satellites:
             rng = stream(seed, "sky", "errors", sat_name(int(sat)))
             amplitude[sat] = sd_m[:, None] * rng.standard_normal((3, 2))
-            clock[sat] = errors.clock_sd_m / SPEED_OF_LIGHT_MPS * rng.standard_normal()
+            # A late clock is a delay: the pseudorange grows as the clock falls behind.
+            clock[sat] = (errors.clock_sd_m * rng.standard_normal() - clock_bias_m) / SPEED_OF_LIGHT_MPS
         return cls(start_ns, amplitude, clock, not (np.any(amplitude) or np.any(clock)))
 
     def apply(self, sat, time_ns, delay_s, position, velocity, clock):
@@ -225,7 +336,7 @@ def build_sky(section, *, start_ns, duration_s, seed, folder="", position_ecef_m
 
     Parameters
     ----------
-    section : NominalSky
+    section : NominalSky, FileSky, OguzSky or DirectionsSky
         The ``[sky]`` table.
     start_ns : int
         GPS time of the scenario's start, nanoseconds.
@@ -249,72 +360,47 @@ def build_sky(section, *, start_ns, duration_s, seed, folder="", position_ecef_m
     FormatError
         If a file cannot be read.
     """
-    from .broadcast import nominal_navigation
+    span = {"start_ns": int(start_ns), "duration_s": float(duration_s)}
+    clock_bias_m = 0.0
+    if isinstance(section, FileSky):
+        from .real_constellation import real_constellation
 
-    navigation = nominal_navigation(section, start_ns=start_ns, duration_s=duration_s, seed=seed)
-    source = "nominal constellations"
-    return _finish(section, navigation, source, start_ns, seed, position_ecef_m)
+        navigation, truth, source = real_constellation(section, **span, folder=folder)
+    elif isinstance(section, NominalSky):
+        from .broadcast import nominal_navigation
 
+        navigation, truth = nominal_navigation(section, **span, seed=seed)
+        source = "nominal constellations: GPS SPS PS 2020, GLONASS ICD 5.1, Galileo OS SDD 1.1, BDS-OS-PS-3.0"
+    elif isinstance(section, OguzSky):
+        from .circular_skies import oguz_navigation
 
-def _finish(section, navigation, source, start_ns, seed, position_ecef_m):
-    """Leave satellites out, keep the highest, draw the errors."""
+        navigation, truth = oguz_navigation(section, **span)
+        source = "24 circular orbits, Oguz 2006, equations 2.1 to 2.4"
+        clock_bias_m = section.clock_bias_m
+    else:
+        from .circular_skies import directions_navigation
+
+        _need_position("azimuth_elevation_deg", section.azimuth_elevation_deg, position_ecef_m)
+        navigation, truth = directions_navigation(section, **span, position_ecef_m=position_ecef_m)
+        source = "circular orbits through given directions at the start"
     known = np.unique(np.concatenate([navigation.kepler.sat, navigation.states.sat]))
     kept = known[~np.isin(known, [sat_id(name) for name in section.leave_out])]
     if section.n_satellites is not None:
-        kept = _highest(navigation, kept, section.n_satellites, start_ns, position_ecef_m)
-    navigation = keep_satellites(navigation, kept)
-    errors = _ErrorModel.draw(section.errors, kept, start_ns, seed)
-    return Sky(navigation, kept.astype(np.int16), source, errors)
+        _need_position("n_satellites", section.n_satellites, position_ecef_m)
+        position, *_ = truth.states(
+            kept.astype(np.int64), np.full(len(kept), span["start_ns"]), np.zeros(len(kept))
+        )
+        _, elevation = azimuth_elevation(position, position_ecef_m)
+        order = np.argsort(-np.where(np.isfinite(elevation), elevation, -np.pi), kind="stable")
+        kept = np.sort(kept[order[: section.n_satellites]])
+    if len(kept) == 0:
+        _refuse("leave_out", section.leave_out, "fewer, for no satellite is left")
+    errors = _ErrorModel.draw(section.errors, kept, span["start_ns"], seed, clock_bias_m=clock_bias_m)
+    return Sky(keep_satellites(navigation, kept), kept.astype(np.int16), source, truth, errors)
 
 
-def _highest(navigation, sats, count, start_ns, position_ecef_m):
-    from ..orbits import compute_satellite_states
-
+def _need_position(key, value, position_ecef_m):
     if position_ecef_m is None:
-        _refuse("n_satellites", count, "`position_ecef_m` to `build_sky` with it")
-    states = compute_satellite_states(navigation, sats, start_ns)
-    _, elevation = azimuth_elevation(states.position_ecef_m, position_ecef_m)
-    order = np.argsort(-np.where(np.isfinite(elevation), elevation, -np.pi), kind="stable")
-    return np.sort(sats[order[:count]])
-
-
-def azimuth_elevation(satellite_ecef_m, position_ecef_m):
-    """Azimuth and elevation of satellites from a place, radians, without light time.
-
-    Parameters
-    ----------
-    satellite_ecef_m : ndarray, shape (..., 3)
-        Satellites.
-    position_ecef_m : ndarray, shape (3,)
-        The place.
-
-    Returns
-    -------
-    azimuth_rad, elevation_rad : ndarray, shape (...)
-    """
-    position_ecef_m = np.asarray(position_ecef_m, dtype=float)
-    lat, lon, _ = geodetic_from_ecef(position_ecef_m)
-    return azimuth_elevation_from_enu((satellite_ecef_m - position_ecef_m) @ rot_enu_from_ecef(lat, lon).T)
-
-
-def keep_satellites(navigation, sats):
-    """Navigation data of some satellites only.
-
-    Parameters
-    ----------
-    navigation : Navigation
-        All of it.
-    sats : ndarray of int
-        Those to keep.
-
-    Returns
-    -------
-    Navigation
-    """
-    from dataclasses import fields, replace
-
-    def rows(table):
-        keep = np.isin(table.sat, sats)
-        return replace(table, **{entry.name: getattr(table, entry.name)[keep] for entry in fields(table)})
-
-    return replace(navigation, kepler=rows(navigation.kepler), states=rows(navigation.states))
+        raise ConfigError(
+            f"`{key}` needs the place of the platform: give `position_ecef_m`", key=key, value=value
+        )
