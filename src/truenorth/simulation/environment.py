@@ -19,8 +19,8 @@ class EnvironmentSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 
     signal_model: Literal["full", "oguz_2006"] = "full"
     """``full``: every term on code and phase. ``oguz_2006``: phases are those of the error-free range,
-    without clocks or atmosphere; the satellites' clocks enter the codes as a bias and white noise,
-    ionosphere and troposphere with white noise (Oguz 2006, sec. 2.2.5)."""
+    without clocks or atmosphere; codes have white noise of 0.7 m from the satellite's clock and 0.5 m each
+    from ionosphere and troposphere (Oguz 2006, sec. 2.2.5; the clock's bias of 2 m is that of the sky)."""
     ionosphere: Literal["klobuchar", "none"] = "klobuchar"
     ionosphere_factor: float = 1.0
     """The true delay is so many times what the broadcast model says."""

@@ -31,8 +31,7 @@ EARTH_RATE_RADPS = 7.2921151467e-5
 _L1_HZ = 1575.42e6
 _LOWEST_RAD = np.radians(-3.0)
 
-# Oguz 2006, sec. 2.2.5: satellite clock 2.0 m with 0.7 m of noise, 0.5 m each of the atmosphere.
-_OGUZ_CLOCK_M = 2.0
+# Oguz 2006, sec. 2.2.5: noise of 0.7 m of the satellite clock, 0.5 m each of ionosphere and troposphere.
 _OGUZ_NOISE_M = float(np.sqrt(0.7**2 + 0.5**2 + 0.5**2))
 
 
@@ -535,11 +534,8 @@ class AntennaSimulator:
         scenario = self._scenario
         is_simple = scenario.environment.signal_model == "oguz_2006"
         wavelength = row["wavelength_m"]
-        carried = row["receiver_clock_m"] - row["satellite_clock_m"]
         code = row["range_m"] + row["troposphere_m"] + row["ionosphere_m"]
-        code = code + (
-            row["receiver_clock_m"] + _OGUZ_CLOCK_M if is_simple else carried + row["group_delay_m"]
-        )
+        code = code + row["receiver_clock_m"] - row["satellite_clock_m"] + row["group_delay_m"]
         for name in ("code_bias_m", "code_multipath_m", "code_noise_m", "code_fault_m"):
             code = code + row[name]
         cycles = row["integer_cyc"] + row["half_cyc"] + row["slip_cyc"]
