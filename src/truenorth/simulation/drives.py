@@ -14,7 +14,18 @@ from .paths import CirclePath, SplinePath, SplineProfile, rounded_polyline
 from .randomness import stream
 from .routes import BodySection, RouteTrajectory, road_unevenness
 
-__all__ = ["CircleMotion", "WaypointMotion", "circle_trajectory", "waypoint_trajectory"]
+__all__ = [
+    "CircleMotion",
+    "Stop",
+    "WaypointMotion",
+    "circle_trajectory",
+    "drive_law",
+    "height_profile",
+    "require_open_turns",
+    "require_positive",
+    "street_path",
+    "waypoint_trajectory",
+]
 
 LAW_STEP_S = 0.4
 """Step of the planned law: changes of acceleration take a second."""
@@ -26,6 +37,22 @@ def require_positive(section: object, *keys: str) -> None:
         value = getattr(section, key)
         if not value > 0.0:
             raise ConfigError(f"`{key}` is {value!r}; give a positive number", key=key, value=value)
+
+
+def require_open_turns(key: str, corners_m: Sequence[Sequence[float]], *, closed: bool) -> None:
+    """Refuse corners that coincide, or at which the route turns back on itself."""
+    corners = np.asarray(corners_m, dtype=float)
+    sides = np.diff(np.concatenate([corners, corners[:1]]) if closed else corners, axis=0)
+    if np.min(np.hypot(*sides.T)) < 1.0:
+        raise ConfigError(f"`{key}` has neighbours closer than 1 m; leave one out", key=key, value=corners_m)
+    azimuth = np.arctan2(sides[:, 0], sides[:, 1])
+    turn = np.diff(np.concatenate([azimuth, azimuth[:1]]) if closed else azimuth)
+    if len(turn) and np.max(np.abs(np.mod(turn + np.pi, 2.0 * np.pi) - np.pi)) > np.radians(170.0):
+        raise ConfigError(
+            f"`{key}` turns back by more than 170 degrees at a point; give two for such a turn",
+            key=key,
+            value=corners_m,
+        )
 
 
 def drive_law(
@@ -167,22 +194,7 @@ class WaypointMotion(
                 key="points_m",
                 value=self.points_m,
             )
-        corners = np.array([point[:2] for point in self.points_m])
-        sides = np.diff(np.concatenate([corners, corners[:1]]) if self.closed else corners, axis=0)
-        if np.min(np.hypot(*sides.T)) < 1.0:
-            raise ConfigError(
-                "`points_m` has neighbours closer than 1 m; leave one out",
-                key="points_m",
-                value=self.points_m,
-            )
-        azimuth = np.arctan2(sides[:, 0], sides[:, 1])
-        turn = np.diff(np.concatenate([azimuth, azimuth[:1]]) if self.closed else azimuth)
-        if len(turn) and np.max(np.abs(np.mod(turn + np.pi, 2.0 * np.pi) - np.pi)) > np.radians(170.0):
-            raise ConfigError(
-                "`points_m` turns back by more than 170 degrees at a point; give two for such a turn",
-                key="points_m",
-                value=self.points_m,
-            )
+        require_open_turns("points_m", [point[:2] for point in self.points_m], closed=self.closed)
         for stop in self.stops:
             if not 0 <= stop.waypoint < len(self.points_m) or not stop.duration_s > 0.0:
                 raise ConfigError(

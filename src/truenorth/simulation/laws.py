@@ -25,7 +25,7 @@ from typing import Protocol
 
 import numpy as np
 
-__all__ = ["Law", "SplineLaw", "UniformLaw", "fastest_times", "uniform_spline"]
+__all__ = ["Law", "SplineLaw", "UniformLaw", "fastest_times", "sample_passage", "uniform_spline"]
 
 PAD_S = 10.0
 """How far laws reach before the start and after the end."""
@@ -126,13 +126,10 @@ class SplineLaw:
         # The kernel's central 95 % are 2 * 1.96 * 0.7 steps.
         step = ramp_s / 2.8
         times = np.arange(-2, np.ceil(duration_s / step) + 3) * step
-        edges = np.concatenate(
-            [[min(times[0], instants_s[0]) - 1.0], np.asarray(instants_s, float)[1:], [np.inf]]
-        )
-        total = np.zeros(len(times))
-        for k, rate in enumerate(rates):
-            total += rate * (np.clip(times, edges[k], edges[k + 1]) - np.clip(0.0, edges[k], edges[k + 1]))
-        return cls(times[0], step, total)
+        first, last = min(times[0], instants_s[0]) - 1.0, max(times[-1], instants_s[-1]) + 1.0
+        edges = np.concatenate([[first], instants_s[1:], [last]])
+        total = np.concatenate([[0.0], np.cumsum(np.diff(edges) * rates)])
+        return cls(times[0], step, np.interp(times, edges, total) - np.interp(0.0, edges, total))
 
     def derivatives(self, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Value and first three derivatives at instants, each of shape (n,)."""

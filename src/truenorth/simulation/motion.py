@@ -17,17 +17,35 @@ from ..strapdown import (
     reference_increments,
     specific_force_body_mps2,
 )
-from .drives import CircleMotion, WaypointMotion, circle_trajectory, waypoint_trajectory
+from .circuit import CircuitLap, CircuitMotion, circuit_trajectory
+from .drives import CircleMotion, Stop, WaypointMotion, circle_trajectory, waypoint_trajectory
 from .fixed import StaticMotion, TurntableMotion, TurntableTrajectory
+from .flights import AircraftLeg, AircraftMotion, aircraft_trajectory
 from .kinematics import LocalPlane, Motion, Trajectory
+from .motion_table import TableMotion, TableTrajectory, read_motion_table
+from .routes import BodySection
+from .sea import Oscillation, ShipLeg, ShipMotion, ship_trajectory
+from .suburb import SuburbanMotion, suburban_trajectory
 
 __all__ = [
+    "AircraftLeg",
+    "AircraftMotion",
+    "BodySection",
     "CircleMotion",
+    "CircuitLap",
+    "CircuitMotion",
     "InertialIncrements",
     "InertialStates",
     "Motion",
     "MotionSection",
+    "Oscillation",
+    "ShipLeg",
+    "ShipMotion",
     "StaticMotion",
+    "Stop",
+    "SuburbanMotion",
+    "TableMotion",
+    "TableTrajectory",
     "Trajectory",
     "TurntableMotion",
     "WaypointMotion",
@@ -38,7 +56,17 @@ __all__ = [
     "specific_force_body_mps2",
 ]
 
-MotionSection = StaticMotion | TurntableMotion | CircleMotion | WaypointMotion
+MotionSection = (
+    StaticMotion
+    | TurntableMotion
+    | CircleMotion
+    | WaypointMotion
+    | SuburbanMotion
+    | CircuitMotion
+    | ShipMotion
+    | AircraftMotion
+    | TableMotion
+)
 """The ``[motion]`` table of a scenario."""
 
 
@@ -59,7 +87,7 @@ def build_trajectory(
     motion : MotionSection
         What moves, and how.
     latitude_rad, longitude_rad, height_m : float
-        The start of routes, geodetic.
+        The start of routes, geodetic; a table has positions of its own.
     duration_s : float
         Of the scenario; the trajectory reaches 5 s further at both ends.
     seed : int
@@ -85,5 +113,15 @@ def build_trajectory(
             return circle_trajectory(motion, plane, seed)
         case WaypointMotion():
             return waypoint_trajectory(motion, plane, duration_s, seed)
+        case SuburbanMotion():
+            return suburban_trajectory(motion, plane, duration_s, seed)
+        case CircuitMotion():
+            return circuit_trajectory(motion, plane, duration_s, seed)
+        case ShipMotion():
+            return ship_trajectory(motion, plane, duration_s, seed)
+        case AircraftMotion():
+            return aircraft_trajectory(motion, plane, duration_s)
+        case TableMotion():
+            return read_motion_table(motion, duration_s=duration_s, folder=folder)
         case _:
             assert_never(motion)

@@ -156,6 +156,8 @@ class RouteTrajectory:
         Added to the pitch (the angle of attack of an aircraft).
     disturbances : tuple of Disturbance
         Unevenness or waves.
+    origin_m : float
+        Way from which distances count.
     """
 
     def __init__(
@@ -169,6 +171,7 @@ class RouteTrajectory:
         coordinated: bool = False,
         pitch_offset_rad: float = 0.0,
         disturbances: tuple[Disturbance, ...] = (),
+        origin_m: float = 0.0,
     ) -> None:
         self._plane, self._path, self._law = plane, path, law
         self._profile = FlatProfile() if profile is None else profile
@@ -180,6 +183,7 @@ class RouteTrajectory:
         self._coordinated = coordinated
         self._pitch_offset = pitch_offset_rad
         self._disturbances = disturbances
+        self._origin_m = origin_m
 
     def at(self, time_s: np.ndarray) -> Motion:
         """State at instants, seconds since the start, shape (n,)."""
@@ -231,11 +235,11 @@ class RouteTrajectory:
 
     def distance_m(self, time_s: np.ndarray) -> np.ndarray:
         """Distance along the route since its start, on the map, shape (n,)."""
-        return self._law.derivatives(np.atleast_1d(np.asarray(time_s, dtype=float)))[0]
+        return self._law.derivatives(np.atleast_1d(np.asarray(time_s, dtype=float)))[0] - self._origin_m
 
     def course_rad(self, time_s: np.ndarray) -> np.ndarray:
         """Direction of travel, clockwise from north in [0, 2 pi), shape (n,); held while at rest."""
-        way = self.distance_m(time_s)
+        way = self.distance_m(time_s) + self._origin_m
         point, tangent, _, _ = self._path.derivatives(way)
         none = np.zeros_like(tangent)
         height = self._profile.derivatives(way)[0]
