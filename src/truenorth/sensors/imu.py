@@ -1,6 +1,7 @@
 r"""Inertial measurement units of named grades: three gyros and three accelerometers.
 
-Of the increments over a sample interval dt, in the axes of the unit::
+Of the increments over a sample interval dt, in the axes of the unit at its start (coning and sculling are
+compensated within the unit; `truenorth.strapdown`)::
 
     dtheta_out = (I + Mg) dtheta + G dv + (bg + fg + wg) dt + Ng sqrt(dt) n
     dv_out     = (I + Ma) dv            + (ba + fa + wa) dt + Na sqrt(dt) n
@@ -32,7 +33,6 @@ IEEE Std 952-1997, annex C.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -41,8 +41,9 @@ import numpy as np
 
 from ..rotations import rot_ned_from_body
 from ..sensor_log import SensorLog
+from ..strapdown import reference_increments
 from .checks import refuse, require, require_not_negative, require_positive
-from .kinematics import Mover, imu_increments
+from .kinematics import Mover, PointOfBody
 from .processes import (
     flicker,
     flicker_variance,
@@ -51,7 +52,7 @@ from .processes import (
     random_walk_variance,
     white_variance,
 )
-from .sampling import GeneratorByName, SampledSensor, sample_times_s, stamp_times
+from .sampling import GeneratorByName, SampledSensor, blocks, sample_times_s, stamp_times
 
 __all__ = [
     "GRADES",
@@ -168,6 +169,8 @@ class ImuDescription(SampledSensor, frozen=True, forbid_unknown_fields=True, kw_
     rate_hz: float = 100.0
     output: Literal["increments", "rates"] | None = None
     """Increments of angle and velocity, or their means over the interval: rates and specific forces."""
+    position_body_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Where the unit sits: forward, right, down."""
     mount_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Heading, pitch and roll of the unit's axes in the body."""
     gyro_bias_sd_dph: float | None = None
@@ -208,7 +211,7 @@ class ImuDescription(SampledSensor, frozen=True, forbid_unknown_fields=True, kw_
         ranges = [key for key in numbers if "_range_" in key]
         require_positive(self, *ranges)
         require_not_negative(self, *(key for key in numbers if key not in ranges))
-        require(self, "mount_deg", test=lambda _: True, wanted="three angles")
+        require(self, "position_body_m", "mount_deg", test=lambda _: True, wanted="three finite numbers")
         if not self.name:
             refuse("name", self.name, "a name")
 
@@ -266,9 +269,8 @@ def simulate_imu(
     start_ns: int,
     duration_s: float,
     generator: GeneratorByName,
-    increments: Callable[[Mover, np.ndarray], Any] = imu_increments,
 ) -> SensorLog:
-    """Output of an IMU at the origin of a moving body.
+    """Output of an IMU on a moving body.
 
     Parameters
     ----------
@@ -282,9 +284,6 @@ def simulate_imu(
         Length of the record, seconds.
     generator : callable
         Random generators by name.
-    increments : callable
-        ``increments(mover, time_s)`` gives the error-free increments of angle and velocity in body axes
-        between instants, two arrays of shape (n, 3).
 
     Returns
     -------
@@ -296,9 +295,12 @@ def simulate_imu(
     """
     edges_s = sample_times_s(imu, duration_s)
     step_s, n = 1.0 / imu.rate_hz, len(edges_s) - 1
-    angle, velocity = increments(mover, edges_s)
-    to_imu = imu.rot_body_from_imu
-    angle, velocity = angle @ to_imu, velocity @ to_imu
+    angle, velocity = np.empty((n, 3)), np.empty((n, 3))
+    point = PointOfBody(mover, np.array(imu.position_body_m))
+    for rows in blocks(n):
+        ideal = reference_increments(point, edges_s[rows.start : rows.stop + 1])
+        angle[rows] = ideal.angle_rad @ imu.rot_body_from_imu
+        velocity[rows] = ideal.velocity_mps @ imu.rot_body_from_imu
     errors = draw_calibration(imu, generator)
 
     def drifts(kind: str, constant: np.ndarray, floor: float, walk: float) -> np.ndarray:

@@ -1,10 +1,7 @@
-r"""What an ideal sensor on the moving body feels: angular rate, specific force, apparent vertical.
+"""What sensors on a moving body feel, beyond `truenorth.strapdown`.
 
-With the Earth rate vector ``W`` (ECEF), velocity v and acceleration a in the turning frame, and gravity g
-(gravitation and centrifugal acceleration together)::
-
-    rate_body  = rate against the Earth + R^T W
-    force_body = R^T (a + 2 W x v - g),      R = rot_ecef_from_body
+The apparent vertical, the integral of the rate, the turning of the local level frame, and the motion of a
+point beside the body's origin.
 
 References
 ----------
@@ -16,27 +13,26 @@ Aerospace and Electronic Systems 7 (1971), 61-66 (the rotation vector against th
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any, Protocol
 
 import numpy as np
 
 from ..frames import WGS84_A_M, WGS84_E2
-from ..gravity import EARTH_RATE_RADPS, gravity_ecef_mps2
+from ..gravity import EARTH_RATE_RADPS
 from ..rotations import log_so3
+from ..strapdown import rate_inertial_body_radps
 from .sampling import blocks
 
 __all__ = [
     "Mover",
+    "PointOfBody",
     "angle_integrals",
     "apparent_tilt",
     "earth_rate_ned",
     "frame_rate_ned",
-    "imu_increments",
-    "inertial_rate_body",
-    "specific_force_body",
 ]
-
-_EARTH_RATE_ECEF = np.array([0.0, 0.0, EARTH_RATE_RADPS])
 
 
 class Mover(Protocol):
@@ -47,22 +43,34 @@ class Mover(Protocol):
         ...
 
 
-def inertial_rate_body(motion: Any) -> np.ndarray:
-    """Angular rate of the body against inertial space in body axes, shape (n, 3), rad/s."""
-    return motion.rate_body_radps + EARTH_RATE_RADPS * motion.rot_ecef_from_body[:, 2, :]
+@dataclass(frozen=True, slots=True, eq=False)
+class PointOfBody:
+    """A point that is fixed in a moving body, as a mover of its own, without acceleration.
 
-
-def specific_force_body(motion: Any) -> np.ndarray:
-    """Specific force at the body's origin in body axes, shape (n, 3), m/s^2.
-
-    At rest it points up: a level body feels ``(0, 0, -g)``.
+    Parameters
+    ----------
+    mover : object with ``at(time_s)``
+        The body.
+    place_body_m : ndarray, shape (3,)
+        Forward, right, down of the body's origin, metres.
     """
-    force_ecef = (
-        motion.acceleration_ecef_mps2
-        + 2.0 * np.cross(_EARTH_RATE_ECEF, motion.velocity_ecef_mps)
-        - gravity_ecef_mps2(motion.position_ecef_m)
-    )
-    return np.einsum("nij,ni->nj", motion.rot_ecef_from_body, force_ecef)
+
+    mover: Mover
+    place_body_m: np.ndarray
+
+    def at(self, time_s: np.ndarray) -> Any:
+        """Position, velocity, attitude and rate at instants."""
+        body = self.mover.at(time_s)
+        arm_ecef = body.rot_ecef_from_body @ self.place_body_m
+        swing_body = np.cross(body.rate_body_radps, self.place_body_m)
+        return SimpleNamespace(
+            time_s=body.time_s,
+            position_ecef_m=body.position_ecef_m + arm_ecef,
+            velocity_ecef_mps=body.velocity_ecef_mps
+            + np.einsum("nij,nj->ni", body.rot_ecef_from_body, swing_body),
+            rot_ecef_from_body=body.rot_ecef_from_body,
+            rate_body_radps=body.rate_body_radps,
+        )
 
 
 def apparent_tilt(force_body: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -105,35 +113,15 @@ def angle_integrals(mover: Mover, time_s: np.ndarray, parts: int = 4) -> np.ndar
     rate differs from it by coning, ``Phi - dt^2 / 12 * w0 x w1`` with the rates at both ends, which is
     exact for a rate that changes linearly (Bortz 1971).
     """
-    return imu_increments(mover, time_s, parts)[0]
-
-
-def imu_increments(mover: Mover, time_s: np.ndarray, parts: int = 2) -> tuple[np.ndarray, np.ndarray]:
-    """Integrals of inertial rate and specific force in body axes: what an ideal IMU adds up.
-
-    Parameters
-    ----------
-    mover : object with ``at(time_s)``
-        The motion.
-    time_s : ndarray, shape (n + 1,)
-        Rising instants.
-    parts : int
-        Each interval is cut into so many, an even number.
-
-    Returns
-    -------
-    delta_angle_rad, delta_velocity_mps : ndarray, shape (n, 3)
-        Angles as `angle_integrals`; velocities by Simpson's rule, two parts at a time.
-    """
     n = len(time_s) - 1
-    angle, velocity = np.empty((n, 3)), np.empty((n, 3))
+    total = np.empty((n, 3))
     for rows in blocks(n, 20_000 // parts):
         edges = time_s[rows.start : rows.stop + 1]
         fine = np.linspace(edges[:-1], edges[1:], parts, endpoint=False, axis=-1)
         instants = np.append(fine.ravel(), edges[-1])
         motion = mover.at(instants)
         step = np.diff(instants)
-        # Into the turned axes of the Earth at the end of a part.
+        # Into the axes of the Earth as it has turned by the end of a part.
         turn = EARTH_RATE_RADPS * step
         spin = np.zeros((len(step), 3, 3))
         spin[:, 0, 0] = spin[:, 1, 1] = np.cos(turn)
@@ -141,13 +129,10 @@ def imu_increments(mover: Mover, time_s: np.ndarray, parts: int = 2) -> tuple[np
         spin[:, 2, 2] = 1.0
         rot = motion.rot_ecef_from_body
         change = np.swapaxes(rot[:-1], -1, -2) @ spin @ rot[1:]
-        rate = inertial_rate_body(motion)
+        rate = rate_inertial_body_radps(motion)
         coning = step[:, None] ** 2 / 12.0 * np.cross(rate[:-1], rate[1:])
-        angle[rows] = (log_so3(change) - coning).reshape(-1, parts, 3).sum(axis=1)
-        force = specific_force_body(motion)
-        simpson = (force[:-1:2] + 4.0 * force[1::2] + force[2::2]) / 3.0 * step[::2, None]
-        velocity[rows] = simpson.reshape(-1, parts // 2, 3).sum(axis=1)
-    return angle, velocity
+        total[rows] = (log_so3(change) - coning).reshape(-1, parts, 3).sum(axis=1)
+    return total
 
 
 def earth_rate_ned(latitude_rad: float | np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from .checks import refuse
 from .compass import CompassDescription, simulate_compass
 from .gyro import FogDescription, simulate_gyro
 from .imu import ImuDescription, simulate_imu
-from .kinematics import Mover, imu_increments
+from .kinematics import Mover
 from .odometer import OdometerDescription, simulate_odometer
 from .sampling import GeneratorByName
 from .tilt import TiltDescription, simulate_tilt
@@ -57,7 +57,6 @@ def simulate_sensors(
     start_ns: int,
     duration_s: float,
     generator: GeneratorByName,
-    increments: Callable[[Mover, np.ndarray], Any] = imu_increments,
 ) -> dict[str, SensorLog]:
     """Logs of all sensors aboard.
 
@@ -74,8 +73,6 @@ def simulate_sensors(
     generator : callable
         ``generator(sensor, purpose, ...)`` gives the random generator of one purpose: adding a sensor leaves
         the others as they are.
-    increments : callable
-        Error-free increments for the IMUs, see `simulate_imu`.
 
     Returns
     -------
@@ -90,7 +87,7 @@ def simulate_sensors(
             mover,
             start_ns=start_ns,
             duration_s=duration_s,
-            generator=partial(generator, name),
+            generator=partial(_draws, generator, name),
             **extra,
         )
 
@@ -102,9 +99,15 @@ def simulate_sensors(
         readings = logs["tilt"].columns if "tilt" in logs else None
         run("compass", simulate_compass, section.compass, tilt_readings=readings)
     for unit in section.imu:
-        run(unit.name, simulate_imu, unit, increments=increments)
+        run(unit.name, simulate_imu, unit)
     if section.turntable_accelerometer is not None:
         run("turntable_accelerometer", simulate_turntable_accelerometer, section.turntable_accelerometer)
     if section.odometer is not None:
         run("odometer", simulate_odometer, section.odometer)
     return logs
+
+
+def _draws(generator: GeneratorByName, name: str, *purpose: str) -> np.random.Generator:
+    """Generator of one purpose of a sensor; compass and tilt meter are one module with one clock."""
+    shared = purpose == ("clock_phase",) and name in ("compass", "tilt")
+    return generator("compass_module" if shared else name, *purpose)

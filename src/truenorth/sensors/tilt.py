@@ -28,8 +28,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..sensor_log import SensorLog
+from ..strapdown import specific_force_body_mps2
 from .checks import require, require_not_negative, require_positive
-from .kinematics import Mover, apparent_tilt, specific_force_body
+from .kinematics import Mover, apparent_tilt
 from .processes import gauss_markov
 from .sampling import GeneratorByName, SampledSensor, blocks, quantise, sample_times_s, stamp_times
 
@@ -41,6 +42,10 @@ __all__ = [
     "simulate_tilt",
     "spline_acceleration",
 ]
+
+
+TILT_OUT_OF_RANGE = 2
+"""Bit of the error code of the TCM2."""
 
 
 class TiltDescription(SampledSensor, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -108,7 +113,8 @@ def simulate_tilt(
     Returns
     -------
     SensorLog
-        Columns ``pitch_deg``, ``roll_deg``, ``temperature_degc``; truth ``time_ns`` and, each for pitch
+        Columns ``pitch_deg``, ``roll_deg``, ``temperature_degc``, ``error_code`` (2: out of range);
+        truth ``time_ns`` and, each for pitch
         and roll: the attitude ``..._rad``, ``..._apparent_rad`` (bubble at once), ``..._liquid_rad``
         (bubble as it moves), ``..._noise_rad``.
     """
@@ -122,7 +128,7 @@ def simulate_tilt(
     attitude, speed = np.empty((len(fine_s), 2)), np.empty(len(fine_s))
     for rows in blocks(len(fine_s)):
         motion = mover.at(fine_s[rows])
-        apparent[rows] = np.stack(apparent_tilt(specific_force_body(motion)), axis=-1)
+        apparent[rows] = np.stack(apparent_tilt(specific_force_body_mps2(motion)), axis=-1)
         attitude[rows] = np.stack([motion.pitch_rad, motion.roll_rad], axis=-1)
         speed[rows] = np.linalg.norm(motion.velocity_ecef_mps, axis=-1)
     liquid = follow(apparent, step_s / parts, tilt.natural_frequency_hz, tilt.damping)
@@ -134,7 +140,9 @@ def simulate_tilt(
     moving, static = np.radians(tilt.noise_moving_deg), np.radians(tilt.noise_static_deg)
     noise = noise * np.sqrt(share * moving**2 + (1.0 - share) * static**2)
     reading = np.degrees(liquid + noise) + tilt.offset_deg
-    reading = quantise(np.clip(reading, -tilt.range_deg, tilt.range_deg), tilt.resolution_deg)
+    reading = quantise(reading, tilt.resolution_deg)
+    outside = (np.abs(reading) > tilt.range_deg).any(axis=1)
+    reading = np.clip(reading, -tilt.range_deg, tilt.range_deg)
 
     true_ns, stamped_ns = stamp_times(tilt, time_s, start_ns, generator)
     truth = {"time_ns": true_ns}
@@ -150,6 +158,7 @@ def simulate_tilt(
             "pitch_deg": reading[:, 0],
             "roll_deg": reading[:, 1],
             "temperature_degc": np.full(n, tilt.temperature_degc),
+            "error_code": np.where(outside, TILT_OUT_OF_RANGE, 0),
         },
         meta={"interval_s": step_s},
         truth=truth,

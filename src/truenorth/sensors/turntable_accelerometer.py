@@ -30,12 +30,14 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
+from ..frames import geodetic_from_ecef
 from ..gravity import EARTH_RATE_RADPS
 from ..rotations import rot_ned_from_body
 from ..sensor_log import SensorLog
+from ..strapdown import rate_inertial_body_radps, specific_force_body_mps2
 from ..timescales import NS_PER_S
 from .checks import require, require_not_negative, require_positive
-from .kinematics import Mover, inertial_rate_body, specific_force_body
+from .kinematics import Mover
 from .processes import gauss_markov
 from .sampling import GeneratorByName, blocks
 
@@ -172,8 +174,8 @@ def simulate_turntable_accelerometer(
         place = sensor.radius_m * radial
         velocity = sensor.radius_m * speed[rows, None] * along
         inner = sensor.radius_m * (acceleration[rows, None] * along - speed[rows, None] ** 2 * radial)
-        w = inertial_rate_body(motion)
-        force = specific_force_body(motion) + inner
+        w = rate_inertial_body_radps(motion)
+        force = specific_force_body_mps2(motion) + inner
         force += 2.0 * np.cross(w, velocity) + np.cross(w, np.cross(w, place))
         signal[rows] = np.einsum("ni,ni->n", axis, force)
         north = _north_rate(motion)
@@ -260,6 +262,4 @@ def inclination_error_rad(inclination_rad: float, latitude_rad: float, axis_rad:
 
 def _north_rate(motion: object) -> np.ndarray:
     """Horizontal Earth rate at the places of a motion, rad/s."""
-    from ..frames import geodetic_from_ecef
-
     return EARTH_RATE_RADPS * np.cos(geodetic_from_ecef(motion.position_ecef_m)[0])
