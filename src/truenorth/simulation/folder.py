@@ -212,11 +212,15 @@ def _open_writer(stack, kind, folder, antenna, navigation, scenario):
     if kind == "rinex":
         from ..formats import RinexObservationWriter
 
-        types = {
-            letter: tuple(f"{what}{signal}" for signal in signals for what in "CLDS")
-            for letter, signals in antenna.declared_signals.items()
-        }
-        writer = RinexObservationWriter(path, types, meta=antenna.meta, channel=navigation.glonass_channels())
+        fields = ("marker", "receiver_type", "antenna_type", "approx_position_ecef_m", "interval_s")
+        writer = RinexObservationWriter(
+            path,
+            types=antenna.declared_signals,
+            glonass_channel=navigation.glonass_channels(),
+            program="TrueNorth",
+            comments=(f"simulated: {scenario.name}, seed {scenario.seed}",),
+            **{field: getattr(antenna.meta, field) for field in fields},
+        )
     elif kind == "ubx":
         from ..formats import UbxWriter
 
