@@ -67,6 +67,7 @@ _CHIP_M = 293.05
 _CODE_SD_LIMITS_M = (
     0.050, 0.075, 0.113, 0.169, 0.253, 0.380, 0.570, 0.854, 1.281, 2.375, 4.75, 9.5, 19.0, 38.0, 76.0,
 )  # fmt: skip
+_WHOLE_CIRCLE = ("m0_rad", "omega0_rad", "i0_rad", "omega_rad")
 _URA_M = (2.0, 2.8, 4.0, 5.7, 8.0, 11.3, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, 1024.0, 2048.0, 4096.0)
 
 
@@ -304,10 +305,14 @@ def _subframes(kepler, k):
         "fit_flag": int(value["fit_interval_s"] > 14_400.0),
         "ura_index": next((i for i, ura_m in enumerate(_URA_M) if value["ura_m"] <= ura_m + 0.05), 15),
     }
+    for name in _WHOLE_CIRCLE:
+        value[name] = (value[name] + np.pi) % (2.0 * np.pi) - np.pi
     frames = {n: 0x8B << 232 | (count + n - 1) % 100_800 << 199 | n << 194 for n in (1, 2, 3)}
     for name, field in LNAV_FIELDS.items():
         width = sum(length for _, _, length in field.runs)
         number = round(value[name] / field.scale)
+        if name in _WHOLE_CIRCLE and number == 1 << (width - 1):
+            number = -number  # rounded up to half a turn
         low, high = (-(1 << (width - 1)), 1 << (width - 1)) if field.kind == "s" else (0, 1 << width)
         if not low <= number < high:
             raise FormatError(
