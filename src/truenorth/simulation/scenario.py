@@ -156,7 +156,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     """What ``session.toml`` tells the solver."""
     output: OutputSection = OutputSection()
     folder: str = ""
-    """What relative paths start from; set by `read_scenario`."""
+    """What relative paths start from; of a file its own folder."""
 
     def __post_init__(self) -> None:
         def refuse(key: str, wanted: str) -> None:
@@ -248,7 +248,8 @@ def read_scenario(
             return scenario
         table, folder = msgspec.to_builtins(scenario), scenario.folder
     elif isinstance(scenario, Mapping):
-        table, folder = _extended(copy.deepcopy(dict(scenario)), "", ()), ""
+        folder = str(scenario.get("folder", ""))
+        table = _extended(copy.deepcopy(dict(scenario)), folder, ())
     else:
         table, folder = _read_table(scenario, ())
     for key, value in _parse_overrides(overrides):
