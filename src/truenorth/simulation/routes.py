@@ -26,7 +26,7 @@ import numpy as np
 from ..errors import ConfigError
 from .kinematics import Attitude, LocalPlane, Motion, motion_of
 from .laws import Law
-from .paths import FlatProfile, Path, Profile
+from .paths import CirclePath, FlatProfile, Path, Profile, SplinePath
 
 __all__ = ["BodySection", "Disturbance", "RouteTrajectory", "Sinusoids", "road_unevenness"]
 
@@ -184,6 +184,13 @@ class RouteTrajectory:
         self._pitch_offset = pitch_offset_rad
         self._disturbances = disturbances
         self._origin_m = origin_m
+
+    @property
+    def lap_m(self) -> float | None:
+        """Length of a lap of a closed route, else None."""
+        if isinstance(self._path, CirclePath):
+            return 2.0 * np.pi * abs(self._path.radius_m)
+        return self._path.length_m if isinstance(self._path, SplinePath) and self._path.closed else None
 
     def at(self, time_s: np.ndarray) -> Motion:
         """State at instants, seconds since the start, shape (n,)."""
