@@ -274,6 +274,20 @@ def test_a_message_in_a_message_and_a_cut_one():
     assert f"{n_rejected} bytes belong to no intact message, 1 headers" in obs.meta.warnings[0]
 
 
+@pytest.mark.parametrize(("n_ranges", "length"), [(1, 20), (2, 40)], ids=["reaches into", "holds"])
+def test_a_cut_message_whose_checksum_is_right_by_chance(n_ranges, length):
+    """It reaches into the next message, or holds it: the next one counts."""
+    cut = bytearray(rgeb(2.0, *[plain(6)] * n_ranges)[:length])
+    log = cut + rgeb(3.0, plain(7)) + bytes(4)
+    size = int.from_bytes(cut[8:12], "little")
+    log[3] ^= int(np.bitwise_xor.reduce(np.frombuffer(bytes(log[:size]), dtype=np.uint8)))
+    assert (size < length + 76) == (n_ranges == 1)
+    _, _, kind, n_damaged = find_messages(np.frombuffer(bytes(log), dtype=np.uint8))
+    assert kind.tolist() == [32]
+    assert n_damaged == 1
+    assert parse_oem3(bytes(log))[0].sat.tolist() == [7]
+
+
 def test_time_that_goes_back_or_repeats():
     log = rgeb(3.0, plain(5)) + rged(200, compressed(5)) + rged(300, compressed(5)) + rgeb(1.0, plain(5))
     obs, _ = parse_oem3(log)
