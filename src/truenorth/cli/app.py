@@ -129,3 +129,33 @@ def _simulate(
         raise ConfigError("name a scenario or a TOML file; `truenorth simulate --list` shows what there is")
     folder = out or Path(Path(scenario).name.removesuffix(".toml"))
     simulate_scenario(scenario, folder, overrides or [], as_json=as_json)
+
+
+@app.command("evaluate")
+@_guarded
+def _evaluate(
+    solution: Annotated[Path, typer.Argument(help="Result of `solve`: .csv or .parquet.")],
+    reference: Annotated[Path, typer.Argument(help="Table of truth, e.g. truth.csv of `simulate`.")],
+    body: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z", help="Of a baseline: where the rover stands, metres forward, right, down."
+        ),
+    ] = None,
+    wrong_sd: Annotated[float, typer.Option(help="Beyond so many stated sigma an epoch is wrong.")] = 5.0,
+    wrong_deg: Annotated[float | None, typer.Option(help="Beyond so many degrees as well.")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Figure: .png, .pdf, .svg or .html.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """Compare a solution with a reference: errors, availability, wrong epochs, honesty of sigma."""
+    from .evaluate import evaluate_files
+
+    evaluate_files(
+        solution,
+        reference,
+        body=body,
+        wrong_sd=wrong_sd,
+        wrong_deg=wrong_deg,
+        figure=figure,
+        as_json=as_json,
+    )

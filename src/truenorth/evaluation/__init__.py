@@ -1,1 +1,5 @@
-"""Comparison of a solution with a reference: alignment in time, wrapped differences, statistics."""
+"""Solutions against references: errors aligned in time, their statistics, and whether sigma was honest."""
+
+from .comparison import Comparison, compare
+
+__all__ = ["Comparison", "compare"]
