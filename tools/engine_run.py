@@ -6,6 +6,7 @@ import numpy as np
 
 from truenorth._kernels import engine
 from truenorth.ambiguity.acceptance import chi2_limits
+from truenorth.ambiguity.carried import EngineState
 
 WAVELENGTH_M = 299_792_458.0 / 1575.42e6
 
@@ -79,6 +80,7 @@ def run_engine(
     length_tolerance_sd=4.0, probability=0.99, margin=20.0, cap_factor=5.0, max_nodes=10**7, max_exclusions=0,
     significance=1e-4, ratio_mode=0, ratio_limit=3.0, carry=False, hold=False, time_s=None, correlation_s=1.0,
     memory_epochs=1e9, min_epochs_to_fix=1, prior_information=None, prior_rhs=None,
+    state=None,
 ):  # fmt: skip
     """One pass of the engine over `rows`; see `truenorth._kernels.engine.run_engine`."""
 
@@ -95,10 +97,12 @@ def run_engine(
     status, reason = np.zeros(n_epochs, np.uint8), np.zeros(n_epochs, np.uint8)
     residual, integer = np.empty(len(phase)), np.empty(len(phase))
     events, numbers = np.empty((20 * n_epochs + 100, 3), np.int64), np.empty((20 * n_epochs + 100, 2))
+    widest = int(max(np.diff(start).max(initial=1), np.diff(code_start).max(initial=1)))
+    state = EngineState.begin(0, int(arc.max(initial=0)) + 1, widest) if state is None else state
     constrain = bool(use_length and np.isfinite(length_m))
     n_events = engine.run_engine(
         np.arange(n_epochs, dtype=float) if time_s is None else np.array(time_s, dtype=float),
-        start, phase, design, wavelength, variance, group, arc, int(arc.max(initial=0)) + 1, code_start,
+        start, phase, design, wavelength, variance, group, arc, code_start,
         *columns(rows.code_m[has_code], rows.design[has_code], rows.code_variance_m2[has_code]),
         *columns(rows.group[has_code]),
         np.zeros((3, 3)) if prior_information is None else np.array(prior_information, dtype=float),
@@ -107,6 +111,8 @@ def run_engine(
         float(length_tolerance_sd), 10.0, float(cap_factor), float(margin), int(max_nodes),
         chi2_limits(significance, 200), float(probability), int(ratio_mode), np.full(200, float(ratio_limit)),
         int(max_exclusions), bool(carry), bool(hold), float(correlation_s), float(memory_epochs),
-        int(min_epochs_to_fix), np.nan, residual, integer, table, status, reason, events, numbers,
+        int(min_epochs_to_fix), np.nan,
+        state.memory, state.vector, state.slot_arc, state.arc_number, state.arc_value, state.carried,
+        residual, integer, table, status, reason, events, numbers,
     )  # fmt: skip
     return Run(table, status, reason, residual, integer, events[:n_events], numbers[:n_events])

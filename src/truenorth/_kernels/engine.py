@@ -18,6 +18,9 @@ one constant per group), so a change of reference costs nothing; an arc that end
 s = min(1, dt / tau) is the share of an epoch that is new when multipath is correlated over tau; f fades
 the memory to a stated number of epochs, because multipath of a standing antenna does not average out.
 A single epoch is the same with no memory.
+
+All that is carried stands in the arrays of the caller, who may hand over the epochs in blocks of any size,
+down to one: the numbers are the same.
 """
 
 import numpy as np
@@ -41,6 +44,13 @@ CHI2_DOF = 28
 LENGTH_STATISTIC = 29
 FLOAT_COV = 30  # xx, yy, zz, xy, xz, yz
 N_COLUMNS = 36
+
+# What is carried from epoch to epoch beside the memory: of the run, and rows of values of every arc.
+N_SLOTS, WEIGHT, WINS, TIME = 0, 1, 2, 3
+ACCEPTED_TIME, ACCEPTED_VARIANCE, ACCEPTED_X = 4, 5, 6
+N_CARRIED = 9
+SLOT, VOTES, STRIKES = 0, 1, 2
+HELD, CANDIDATE, WINNER = 0, 1, 2
 
 # Reasons and statuses, equal to truenorth.errors (held equal by a test).
 R_OK = 0
@@ -778,14 +788,15 @@ def hold_more(
 
 @kernel
 def run_engine(
-    time_s, start, y_all, design_all, lam_all, variance_all, group_all, arc_all, n_arcs,
+    time_s, start, y_all, design_all, lam_all, variance_all, group_all, arc_all,
     code_start, code_y, code_design, code_variance, code_group, prior_information, prior_rhs,
     length, length_variance, use_length, check_length, length_tolerance_sd, kappa,
     cap_factor, margin, max_nodes, chi2_limits, min_probability, ratio_mode, ratio_limits, max_exclusions,
     carry, hold, correlation_s, memory_epochs, min_epochs_to_fix, change_sd_mps,
+    memory, vector, slot_arc, arc_number, arc_value, carried,
     residual, integer, out, status, reason, events, numbers,
 ):  # fmt: skip
-    """Resolve all epochs in the order given.
+    """Resolve all epochs in the order given, from the state that is given, to the one after the last.
 
     Parameters
     ----------
@@ -813,6 +824,15 @@ def run_engine(
         Of the memory and of acceptance, see the module's docstring.
     change_sd_mps : float
         Standard deviation of the baseline's change in a second; NaN leaves it free.
+    memory, vector, slot_arc : ndarray, shapes (k, k), (k,), (k,)
+        State: information on the ambiguities, its right side, and the arc of each slot; k is twice the
+        most rows of an epoch and one. Zero beyond the slots in use.
+    arc_number, arc_value : ndarray of int64 and float, shape (3, n_arcs)
+        State of the arcs: slot (-1: none), votes, strikes; integers held, candidates, last winner (NaN:
+        none).
+    carried : ndarray, shape (N_CARRIED,)
+        State of the run: slots in use, weight of the memory, epochs that the winner won, time of the last
+        epoch; time, variance (NaN: none) and baseline of the last accepted one.
     residual, integer : ndarray, shape (n_rows,)
         Outputs: residuals of the winner and its integers, NaN where a row did not take part.
     out, status, reason : ndarray
@@ -847,24 +867,22 @@ def run_engine(
     a_best = np.empty(widest)
     spread = np.empty(widest)
 
-    memory = np.zeros((2 * widest + 1, 2 * widest + 1))
-    vector = np.zeros(2 * widest + 1)
     # The memory without the arcs that the epoch's search struck out.
-    rest = np.zeros((2 * widest + 1, 2 * widest + 1))
-    rest_vector = np.zeros(2 * widest + 1)
-    slot_arc = np.full(2 * widest + 1, -1, np.int64)
-    slot_of_arc = np.full(n_arcs, -1, np.int64)
-    held = np.full(n_arcs, np.nan)
-    candidate = np.full(n_arcs, np.nan)
-    votes = np.zeros(n_arcs, np.int64)
-    strikes = np.zeros(n_arcs, np.int64)
-    winner = np.full(n_arcs, np.nan)
-    wins = 0
-    weight = 0.0
+    rest = np.zeros(memory.shape)
+    rest_vector = np.zeros(len(vector))
+    n_arcs = arc_value.shape[1]
+    slot_of_arc, votes, strikes = arc_number[SLOT], arc_number[VOTES], arc_number[STRIKES]
+    held, candidate, winner = arc_value[HELD], arc_value[CANDIDATE], arc_value[WINNER]
+    n_slots = np.int64(carried[N_SLOTS])
+    weight = carried[WEIGHT]
+    wins = np.int64(carried[WINS])
+    time_before = carried[TIME]
+    time_last = carried[ACCEPTED_TIME]
+    variance_last = carried[ACCEPTED_VARIANCE]
+    b_last = carried[ACCEPTED_X:]
     # Plain integers, not literals: a kernel is compiled anew for each literal it is called with.
     zero = np.int64(0)
     nowhere = np.int64(-1)
-    n_slots = zero
     counter = np.zeros(1, np.int64)
 
     info_code = np.empty((3, 3))
@@ -875,10 +893,6 @@ def run_engine(
     b = np.empty(3)
     b_con = np.empty(3)
     b_free = np.empty(3)
-    b_last = np.zeros(3)
-    has_last = False
-    time_last = 0.0
-    variance_last = 0.0
     mu = 0.0
     constraint = np.nan
     if use_length:
@@ -909,15 +923,16 @@ def run_engine(
         share = 1.0
         if survivors == 0:
             weight = 0.0
-        elif e > 0:
-            share = min(1.0, abs(time_s[e] - time_s[e - 1]) / correlation_s)
+        else:
+            share = min(1.0, abs(time_s[e] - time_before) / correlation_s)
+        time_before = time_s[e]
 
         # Code and a-priori direction of this epoch give the float baseline.
         for r in range(3):
             rhs_code[r] = prior_rhs[r]
             for c in range(3):
                 info_code[r, c] = prior_information[r, c]
-        if carry and has_last and change_sd_mps == change_sd_mps:
+        if carry and variance_last == variance_last and change_sd_mps == change_sd_mps:
             # The baseline wanders from the last accepted one: a random walk.
             moved = change_sd_mps * (time_s[e] - time_last)
             stiffness = 1.0 / (moved * moved + variance_last)
@@ -1107,13 +1122,18 @@ def run_engine(
                     slot[k] = slot_of_arc[arc[k]]
                 remember(m, lam, group, slot, w, hc, yc, total, cov, rhs, share, memory, vector)
         if released:
-            has_last = False
+            variance_last = np.nan
         if status[e] >= S_HELD:
-            has_last = True
             time_last = time_s[e]
             variance_last = (row[COV] + row[COV + 1] + row[COV + 2]) / 3.0
             for r in range(3):
                 b[r] = row[BX + r]
                 b_last[r] = b[r]
         write_dops(m, design, variance, group, b, hc, yc, w, total, row)
+    carried[N_SLOTS] = n_slots
+    carried[WEIGHT] = weight
+    carried[WINS] = wins
+    carried[TIME] = time_before
+    carried[ACCEPTED_TIME] = time_last
+    carried[ACCEPTED_VARIANCE] = variance_last
     return counter[0]

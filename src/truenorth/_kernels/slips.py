@@ -19,13 +19,15 @@ SLIP_DOPPLER = 3
 
 @kernel
 def detect_slips(
-    start, y, design, variance, wavelength, band_key, previous, doppler, dt_s, baseline_sd_m, limit_sd,
-    slip, statistic, limit,
+    n_past, start, y, design, variance, wavelength, band_key, previous, doppler, dt_s,
+    baseline_sd_m, limit_sd, moved, slip, statistic, limit,
 ):  # fmt: skip
     """Flag rows whose phase jumped since the row `previous` (-1 where there is none).
 
     Parameters
     ----------
+    n_past : int
+        Epochs, at least one, that stand for what was before: they lend their rows and `moved`.
     start : ndarray of int64
         Row offsets of the epochs.
     y, design, variance, wavelength : ndarray
@@ -42,6 +44,9 @@ def detect_slips(
         How far the baseline may change between epochs.
     limit_sd : float
         Multiple of the standard deviation that counts as a slip (and at least a quarter cycle).
+    moved : ndarray, shape (n_epochs, 4)
+        Baseline and clock since the first epoch of all, as far as the differences tell: given for the
+        past, the last of which is the epoch just before; output for the others.
     slip, statistic, limit : ndarray
         Outputs: kind of slip (0 none), residual and its limit, metres.
     """
@@ -50,21 +55,20 @@ def detect_slips(
     rhs = np.empty(4)
     factor = np.empty((4, 4))
     x = np.empty(4)
-    # Baseline and clock since the first epoch, as far as the differences tell.
-    moved = np.zeros((n_epochs, 4))
     epoch_of = np.empty(len(y), np.int64)
     for e in range(n_epochs):
         first, last = start[e], start[e + 1]
         m = np.int64(0)
-        for a in range(4):
-            x[a] = 0.0
-            if e > 0:
-                moved[e, a] = moved[e - 1, a]
         for i in range(first, last):
             epoch_of[i] = e
             slip[i] = 0
             if previous[i] >= 0:
                 m += 1
+        if e < n_past:
+            continue
+        for a in range(4):
+            x[a] = 0.0
+            moved[e, a] = moved[e - 1, a]
         if m < 2:
             continue
         index = np.empty(m, np.int64)

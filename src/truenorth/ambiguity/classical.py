@@ -14,7 +14,7 @@ from .resolution import ResolvedEpochs, select_phase_rows
 __all__ = ["resolve_classical"]
 
 
-def resolve_classical(differences, settings, factors, *, progress=None):
+def resolve_classical(differences, settings, factors, *, memory=None, progress=None):
     """Resolve every epoch with one of the classical methods.
 
     Parameters
@@ -25,6 +25,8 @@ def resolve_classical(differences, settings, factors, *, progress=None):
         ``method`` is ``lsast``, ``exhaustive`` or ``kalman``.
     factors : tuple of float
         Factors on the phase and code variances.
+    memory : dict, optional
+        What is carried from block to block of a run, updated in place; empty at its start.
     progress : callable, optional
         Called with (epochs done, epochs in all).
 
@@ -35,7 +37,8 @@ def resolve_classical(differences, settings, factors, *, progress=None):
     from .._kernels import engine
 
     d = differences
-    step = _stepper(settings)
+    memory = {} if memory is None else memory
+    step = memory.setdefault("step", _stepper(settings))
     known = settings.length_m is not None and settings.length_use != "off"
     n = d.n_epochs
     table = np.full((n, engine.N_COLUMNS), np.nan)
@@ -63,7 +66,9 @@ def resolve_classical(differences, settings, factors, *, progress=None):
             residual[used] = _residuals(d, row[used], integer[used], table[epoch, : engine.BZ + 1])
         if progress is not None and epoch % 50 == 0:
             progress(epoch, n)
-    for epoch in np.flatnonzero(np.diff(status == Status.FIXED, prepend=False)):
+    was_fixed = memory.get("fixed", False)
+    memory["fixed"] = bool(n and status[-1] == Status.FIXED)
+    for epoch in np.flatnonzero(np.diff(status == Status.FIXED, prepend=was_fixed)):
         word = "accepted" if status[epoch] == Status.FIXED else "no longer accepted"
         text = f"integers {word} by the {settings.method} search"
         events.append(

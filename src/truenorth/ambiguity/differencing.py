@@ -20,7 +20,15 @@ from ..frames import geodetic_from_ecef, rot_enu_from_ecef
 from ..observations import LLI_HALF_CYCLE, NO_CHANNEL, frequency_hz, signal_id, signal_name
 from ..timescales import NS_PER_S, format_gpst
 
-__all__ = ["SingleDifferences", "build_single_differences", "match_epochs", "match_signals"]
+__all__ = [
+    "SingleDifferences",
+    "build_single_differences",
+    "count_phases",
+    "is_long_baseline",
+    "match_epochs",
+    "match_signals",
+    "pair_signals",
+]
 
 EARTH_ROTATION_RADPS = 7.2921151467e-5
 EARTH_GM_M3PS2 = 3.986004418e14
@@ -172,11 +180,83 @@ def _band_table(systems, bands):
     return table
 
 
-def match_signals(base, rover, base_epoch, rover_epoch, settings):
-    """Rows of the same satellite and band in both receivers, one signal per satellite and band.
+def _candidates(observations, epochs, settings):
+    """Rows of matched epochs that the settings admit: rows, epoch, system and signal, has a phase."""
+    wanted = _band_table(settings.systems, settings.bands)
+    index = np.full(observations.n_epochs, -1, np.int64)
+    index[epochs] = np.arange(len(epochs))
+    epoch = index[observations.epoch_of_row]
+    system = observations.sat.astype(np.int64) // 100
+    signal = _common_signal(observations)
+    has_phase = np.isfinite(observations.phase_cyc)
+    keep = (epoch >= 0) & wanted[system, np.clip(signal // 100, 0, 9)]
+    keep &= has_phase | np.isfinite(observations.code_m)
+    if settings.cn0_mask_dbhz > 0.0:
+        keep &= ~(observations.cn0_dbhz < settings.cn0_mask_dbhz)
+    rows = np.flatnonzero(keep)
+    return rows, epoch[rows], system[rows] * 1000 + signal[rows], has_phase[rows]
 
-    Where both track the same signal it is used; the one with most common rows first. Where they share
-    none on a band (``1C`` in one file, ``1W`` in the other), the signals of the same frequency pair.
+
+def count_phases(observations, epochs, settings):
+    """Count the phases of each system and signal at matched epochs.
+
+    Parameters
+    ----------
+    observations : Observations
+        Of one receiver.
+    epochs : ndarray of int64
+        Its matched epochs, see `match_epochs`.
+    settings : GnssSettings
+        Systems, bands and C/N0 mask.
+
+    Returns
+    -------
+    ndarray of int64, shape (7000,)
+        By 1000 * system + signal; blocks of a run add up.
+    """
+    _, _, kind, has_phase = _candidates(observations, epochs, settings)
+    return np.bincount(kind[has_phase], minlength=7000)
+
+
+def pair_signals(base_count, rover_count):
+    """Choose the signals that are differenced, the preferred ones of each system and band first.
+
+    Where both receivers track the same signal it is used; the one with most common phases first. Where
+    they share none on a band (``1C`` in one file, ``1W`` in the other), the signals of the same frequency
+    pair.
+
+    Parameters
+    ----------
+    base_count, rover_count : ndarray of int64, shape (7000,)
+        Of the whole run, see `count_phases`.
+
+    Returns
+    -------
+    list of tuple
+        (system code, base signal, rover signal).
+    """
+    pairs = []
+    for kind_band in np.unique(np.flatnonzero(base_count + rover_count) // 100):
+        span = np.arange(kind_band * 100, kind_band * 100 + 100)
+        system = kind_band // 10
+
+        def rank(signal):
+            letter = signal_name(int(signal) % 1000)[1]
+            return _PREFERENCE.find(letter) % 99
+
+        common = [k for k in span if base_count[k] and rover_count[k]]
+        common.sort(key=lambda k: (-min(base_count[k], rover_count[k]), rank(k)))
+        if common:
+            pairs += [(system, k % 1000, k % 1000) for k in common]
+        elif base_count[span].any() and rover_count[span].any():
+            best_b = max(span, key=lambda k: base_count[k]) % 1000
+            best_r = max(span, key=lambda k: rover_count[k]) % 1000
+            pairs.append((system, best_b, best_r))
+    return pairs
+
+
+def match_signals(base, rover, base_epoch, rover_epoch, settings, pairs=None):
+    """Rows of the same satellite and band in both receivers, one signal per satellite and band.
 
     Parameters
     ----------
@@ -186,6 +266,8 @@ def match_signals(base, rover, base_epoch, rover_epoch, settings):
         Matched epochs, see `match_epochs`.
     settings : GnssSettings
         Systems, bands and C/N0 mask.
+    pairs : list of tuple, optional
+        Of `pair_signals`; by default from these epochs.
 
     Returns
     -------
@@ -194,54 +276,20 @@ def match_signals(base, rover, base_epoch, rover_epoch, settings):
     base_row, rover_row : ndarray of int64
         Row indices.
     group : ndarray of int64
-        Index into the names.
-    group_names : list of tuple
+        Index into the pairs.
+    pairs : list of tuple
         (system code, base signal, rover signal) of each group.
     """
-    wanted = _band_table(settings.systems, settings.bands)
-    tables = []
-    for observations, epochs in ((base, base_epoch), (rover, rover_epoch)):
-        index = np.full(observations.n_epochs, -1, np.int64)
-        index[epochs] = np.arange(len(epochs))
-        epoch = index[observations.epoch_of_row]
-        system = observations.sat.astype(np.int64) // 100
-        signal = _common_signal(observations)
-        keep = (epoch >= 0) & wanted[system, np.clip(signal // 100, 0, 9)]
-        keep &= np.isfinite(observations.phase_cyc) | np.isfinite(observations.code_m)
-        if settings.cn0_mask_dbhz > 0.0:
-            keep &= ~(observations.cn0_dbhz < settings.cn0_mask_dbhz)
-        rows = np.flatnonzero(keep)
-        tables.append((rows, epoch[rows], observations.sat.astype(np.int64)[rows], signal[rows],
-                       np.isfinite(observations.phase_cyc[rows])))  # fmt: skip
-    (rows_b, epoch_b, sat_b, signal_b, phase_b), (rows_r, epoch_r, sat_r, signal_r, phase_r) = tables
-
-    # Trackings of each (system, band), most common phases first.
-    pairs = []
-    kinds_b = sat_b // 100 * 1000 + signal_b
-    kinds_r = sat_r // 100 * 1000 + signal_r
-    count_b = np.bincount(kinds_b[phase_b], minlength=7000)
-    count_r = np.bincount(kinds_r[phase_r], minlength=7000)
-    for kind_band in np.unique(np.concatenate((kinds_b, kinds_r)) // 100):
-        span = np.arange(kind_band * 100, kind_band * 100 + 100)
-        system = kind_band // 10
-
-        def rank(signal):
-            letter = signal_name(int(signal) % 1000)[1]
-            return _PREFERENCE.find(letter) % 99
-
-        common = [k for k in span if count_b[k] and count_r[k]]
-        common.sort(key=lambda k: (-min(count_b[k], count_r[k]), rank(k)))
-        if common:
-            pairs += [(system, k % 1000, k % 1000) for k in common]
-        elif count_b[span].any() and count_r[span].any():
-            best_b = max(span, key=lambda k: count_b[k]) % 1000
-            best_r = max(span, key=lambda k: count_r[k]) % 1000
-            pairs.append((system, best_b, best_r))
+    rows_b, epoch_b, kinds_b, phase_b = _candidates(base, base_epoch, settings)
+    rows_r, epoch_r, kinds_r, phase_r = _candidates(rover, rover_epoch, settings)
+    if pairs is None:
+        counts = (np.bincount(kind, minlength=7000) for kind in (kinds_b[phase_b], kinds_r[phase_r]))
+        pairs = pair_signals(*counts)
 
     found = []
     taken = np.empty(0, np.int64)
-    key_b = (epoch_b * 1000 + sat_b) * 10
-    key_r = (epoch_r * 1000 + sat_r) * 10
+    key_b = (epoch_b * 1000 + base.sat[rows_b]) * 10
+    key_r = (epoch_r * 1000 + rover.sat[rows_r]) * 10
     for group, (system, signal_base, signal_rover) in enumerate(pairs):
         in_b = np.flatnonzero(kinds_b == system * 1000 + signal_base)
         in_r = np.flatnonzero(kinds_r == system * 1000 + signal_rover)
@@ -284,8 +332,13 @@ def _variance(stochastic, elevation_rad, cn0_dbhz, constant_m, elevation_m):
     return variance
 
 
-def build_single_differences(base, rover, base_point, rover_point, settings):
+def build_single_differences(
+    base, rover, base_point, rover_point, settings, *,
+    epochs=None, pairs=None, at_code_baseline=None, position_before=None,
+):  # fmt: skip
     """Match two receivers and form their single differences, row by row.
+
+    What is chosen from the whole run can be given, for a block of one.
 
     Parameters
     ----------
@@ -295,6 +348,15 @@ def build_single_differences(base, rover, base_point, rover_point, settings):
         Their single-point solutions, with receiver clocks and satellite states.
     settings : GnssSettings
         Systems, bands, masks and the stochastic model.
+    epochs : tuple of ndarray of int64, optional
+        Matched epochs of base and rover, see `match_epochs`.
+    pairs : list of tuple, optional
+        Signals that are differenced, see `pair_signals`.
+    at_code_baseline : bool, optional
+        Whether the baseline is linearised at the difference of the code positions, see
+        `is_long_baseline`.
+    position_before : ndarray, shape (3,), optional
+        Base position before these epochs, for those that have none.
 
     Returns
     -------
@@ -305,16 +367,21 @@ def build_single_differences(base, rover, base_point, rover_point, settings):
     NoSolutionError
         If the receivers have no common epochs, or no common signals on the bands asked for.
     """
-    base_epoch, rover_epoch = match_epochs(base.time_ns, rover.time_ns, settings.max_time_difference_s)
+    if epochs is None:
+        epochs = match_epochs(base.time_ns, rover.time_ns, settings.max_time_difference_s)
+    base_epoch, rover_epoch = epochs
     if len(base_epoch) == 0:
         raise NoSolutionError(_no_common_epochs(base, rover, settings))
-    epoch, base_row, rover_row, group, pairs = match_signals(base, rover, base_epoch, rover_epoch, settings)
-    if len(epoch) == 0:
+    is_block = bool(pairs)
+    epoch, base_row, rover_row, group, pairs = match_signals(
+        base, rover, base_epoch, rover_epoch, settings, pairs or None
+    )
+    if len(epoch) == 0 and not is_block:
         raise NoSolutionError(_no_common_signals(base, rover, settings))
 
     time_ns = rover.time_ns[rover_epoch]
     n_epochs = len(time_ns)
-    position, has_position = _hold_position(base_point.position_ecef_m[base_epoch])
+    position, has_position = _hold_position(base_point.position_ecef_m[base_epoch], position_before)
     latitude, longitude, _ = geodetic_from_ecef(position)
     rot_enu = rot_enu_from_ecef(latitude, longitude)
 
@@ -323,10 +390,12 @@ def build_single_differences(base, rover, base_point, rover_point, settings):
     view_epoch = np.repeat(np.arange(base.n_epochs), np.diff(view.epoch_start))
     view_key = view_epoch * 1000 + view.sat
     row_key = base_epoch[epoch] * 1000 + base.sat[base_row]
-    at = np.minimum(np.searchsorted(view_key, row_key), max(len(view_key) - 1, 0))
-    known = (view_key[at] == row_key) if len(view_key) else np.zeros(len(row_key), bool)
-    known &= np.isfinite(view.position_ecef_m[at, 0]) & has_position[epoch]
-    known &= view.elevation_rad[at] >= np.radians(settings.elevation_mask_deg)
+    at = np.zeros(len(row_key), np.int64)
+    known = np.zeros(len(row_key), bool)
+    if len(view_key):
+        at = np.minimum(np.searchsorted(view_key, row_key), len(view_key) - 1)
+        known = (view_key[at] == row_key) & np.isfinite(view.position_ecef_m[at, 0]) & has_position[epoch]
+        known &= view.elevation_rad[at] >= np.radians(settings.elevation_mask_deg)
     at, epoch, base_row, rover_row, group = (v[known] for v in (at, epoch, base_row, rover_row, group))
 
     # Times of reception: tag minus clock; without a clock solution the tag itself.
@@ -339,10 +408,8 @@ def build_single_differences(base, rover, base_point, rover_point, settings):
     # Both antennas are referred to the rover's tag, the epoch's nominal time.
     shift = -rover_velocity * rover_clock[:, None] + base_velocity * (tag_difference + base_clock)[:, None]
     approximate = np.zeros((n_epochs, 3))
-    difference = rover_point.position_ecef_m[rover_epoch] - base_point.position_ecef_m[base_epoch]
-    distance_m = np.linalg.norm(difference, axis=1)
-    distance_m = distance_m[np.isfinite(distance_m)]
-    if len(distance_m) and np.median(distance_m) > LINEARISE_AT_CODE_BASELINE_M:
+    if is_long_baseline(base_point, rover_point, epochs) if at_code_baseline is None else at_code_baseline:
+        difference = rover_point.position_ecef_m[rover_epoch] - base_point.position_ecef_m[base_epoch]
         approximate = np.nan_to_num(difference)
     base_m = position[epoch]
     rover_m = base_m + (approximate + shift)[epoch]
@@ -440,15 +507,36 @@ def build_single_differences(base, rover, base_point, rover_point, settings):
     )
 
 
-def _hold_position(position):
-    """Fill gaps of the base position with the last (then the first) known one."""
+def is_long_baseline(base_point, rover_point, epochs):
+    """Tell whether a run's baseline is linearised at the difference of the code positions.
+
+    Parameters
+    ----------
+    base_point, rover_point : PointSolution
+        Single-point solutions.
+    epochs : tuple of ndarray of int64
+        Matched epochs of base and rover, of the run or a sample of it.
+
+    Returns
+    -------
+    bool
+    """
+    difference = rover_point.position_ecef_m[epochs[1]] - base_point.position_ecef_m[epochs[0]]
+    distance_m = np.linalg.norm(difference, axis=1)
+    distance_m = distance_m[np.isfinite(distance_m)]
+    return bool(len(distance_m) and np.median(distance_m) > LINEARISE_AT_CODE_BASELINE_M)
+
+
+def _hold_position(position, before=None):
+    """Fill gaps of the base position with the last known one, those at the start with the first."""
     known = np.isfinite(position[:, 0])
-    if not known.any():
-        return np.full_like(position, np.nan), known
-    index = np.where(known, np.arange(len(position)), -1)
+    if before is None:
+        if not known.any():
+            return np.full_like(position, np.nan), known
+        before = position[known][0]
+    index = np.where(known, np.arange(len(position)) + 1, 0)
     np.maximum.accumulate(index, out=index)
-    index[index < 0] = np.flatnonzero(known)[0]
-    return position[index], np.ones(len(position), bool)
+    return np.concatenate((before[None], position))[index], np.ones(len(position), bool)
 
 
 def _troposphere_difference(base_m, rover_m, elevation, approximate):

@@ -12,9 +12,10 @@ import numpy as np
 from ..errors import Reason, Status
 from ..observations import sat_name, signal_name
 from ..timescales import NS_PER_S
+from .carried import ResolutionState
 from .slips import Arcs, find_arcs
 
-__all__ = ["ResolvedEpochs", "resolve_epochs"]
+__all__ = ["ResolvedEpochs", "estimate_variance_factors", "resolve_epochs", "resolve_sample"]
 
 SEARCH_MARGIN = 20.0
 """Candidates within this of the best objective count for the posterior probability; one further
@@ -127,17 +128,22 @@ def _prior(settings):
     return information, information @ (length * along)
 
 
-def resolve_epochs(differences, base, rover, settings, *, progress=None):
-    """Resolve the integers of every epoch.
+def resolve_epochs(differences, base, rover, settings, *, factors=None, state=None, progress=None):
+    """Resolve the integers of every epoch: of a whole run, or of the next block of one.
 
     Parameters
     ----------
     differences : SingleDifferences
-        All epochs.
+        The epochs.
     base, rover : Observations
         The raw observations, for their loss-of-lock flags.
     settings : GnssSettings
         Method, length, tests.
+    factors : tuple of float, optional
+        On the phase and code variances; by default as the settings say, from these epochs.
+    state : ResolutionState, optional
+        What is carried, updated in place; the results do not depend on how a run is cut into blocks.
+        By default the run begins and ends here, as one that runs backward must.
     progress : callable, optional
         Called with (epochs done, epochs in all) from time to time.
 
@@ -145,25 +151,26 @@ def resolve_epochs(differences, base, rover, settings, *, progress=None):
     -------
     ResolvedEpochs
     """
-    factors = (1.0, 1.0)
-    if settings.stochastic.estimate:
-        factors = _estimate_variance_factors(differences, settings)
+    if factors is None:
+        factors = estimate_variance_factors(differences, settings)
+    state = ResolutionState() if state is None else state
     if settings.method not in ("constrained", "lambda", "filter"):
         from .classical import resolve_classical
 
-        return resolve_classical(differences, settings, factors, progress=progress)
+        return resolve_classical(differences, settings, factors, memory=state.classical, progress=progress)
     if settings.single_epoch:
         return _run_engine(differences, _no_arcs(differences), settings, factors)
     change = settings.length_m if settings.length_m is not None else UNKNOWN_LENGTH_CHANGE_M
-    arcs = find_arcs(differences, base, rover, baseline_change_m=change)
+    arcs = find_arcs(differences, base, rover, baseline_change_m=change, past=state.ends)
     if settings.direction == "combined":
         result = _combine(
             _run_engine(differences, arcs, settings, factors),
             _run_engine(differences, arcs, settings, factors, backward=True),
         )
+    elif settings.direction == "backward":
+        result = _run_engine(differences, arcs, settings, factors, backward=True)
     else:
-        backward = settings.direction == "backward"
-        result = _run_engine(differences, arcs, settings, factors, backward=backward)
+        result = _run_engine(differences, arcs, settings, factors, state=state)
     result.events.extend(arcs.events)
     return result
 
@@ -175,7 +182,7 @@ def _no_arcs(differences):
     return Arcs(arc.astype(np.int64), int(arc.max(initial=-1)) + 1, [])
 
 
-def _run_engine(differences, arcs, settings, factors, *, backward=False, epochs=None):
+def _run_engine(differences, arcs, settings, factors, *, backward=False, epochs=None, state=None):
     """One pass of the compiled engine over all epochs, or over the few of `epochs`."""
     from .._kernels import engine
     from .acceptance import chi2_limits
@@ -202,28 +209,31 @@ def _run_engine(differences, arcs, settings, factors, *, backward=False, epochs=
     arc = arcs.arc[row]
     # Whole cycles of phase minus code stay outside the engine, so its numbers are small.
     apart = np.nan_to_num((d.phase_m[row] - d.code_m[row]) / d.wavelength_m[row])
-    offset = np.zeros(max(arcs.n_arcs, 1))
     carry = not settings.single_epoch and epochs is None
+    widest = int(np.diff(start).max(initial=1))
+    memory = (state or ResolutionState()).enter_block(
+        arcs, int(d.time_ns[0]), max(arcs.n_arcs, 1), max(widest, int(np.diff(code_start).max(initial=1)))
+    )
     if not carry:
         offset_row = np.rint(apart)
     else:
         first_arc, first_row = np.unique(arc, return_index=True)
-        offset[first_arc] = np.rint(apart[first_row])
-        offset_row = offset[arc]
+        known = np.isfinite(memory.offset_cyc[first_arc])
+        memory.offset_cyc[first_arc[~known]] = np.rint(apart[first_row[~known]])
+        offset_row = memory.offset_cyc[arc]
 
     known = settings.length_m is not None and settings.length_use != "off"
     use_length = known and settings.length_use == "constrain" and settings.method != "lambda"
     prior_information, prior_rhs = _prior(settings)
-    widest = int(np.diff(start).max(initial=0))
     ratio_mode, ratio_limits = _ratio_limits(settings, widest + 1)
     table = np.empty((n, engine.N_COLUMNS))
     status, reason = np.zeros(n, np.uint8), np.zeros(n, np.uint8)
     residual, integer = np.empty(len(row)), np.empty(len(row))
     events, numbers = np.empty((20 * n + 100, 3), np.int64), np.empty((20 * n + 100, 2))
     n_events = engine.run_engine(
-        (d.time_ns[order] - d.time_ns[0]) / NS_PER_S, start,
+        (d.time_ns[order] - memory.origin_ns) / NS_PER_S, start,
         d.phase_m[row] - d.wavelength_m[row] * offset_row, d.design_enu[row], d.wavelength_m[row],
-        factors[0] * d.phase_variance_m2[row], d.group[row], arc, max(arcs.n_arcs, 1),
+        factors[0] * d.phase_variance_m2[row], d.group[row], arc,
         code_start, d.code_m[code_row], d.design_enu[code_row],
         factors[1] * d.code_variance_m2[code_row], d.group[code_row], prior_information, prior_rhs,
         float(settings.length_m) if known else np.nan, float(settings.length_sd_m) ** 2, use_length,
@@ -235,6 +245,7 @@ def _run_engine(differences, arcs, settings, factors, *, backward=False, epochs=
         carry and settings.method == "filter",
         float(settings.stochastic.correlation_s), float(settings.stochastic.memory_epochs),
         settings.min_epochs_to_fix, _change_sd_mps(settings),
+        memory.memory, memory.vector, memory.slot_arc, memory.arc_number, memory.arc_value, memory.carried,
         residual, integer, table, status, reason, events, numbers,
     )  # fmt: skip
     # Whole cycles put back, and integers counted from the reference of their group.
@@ -348,7 +359,7 @@ def _combine(forward, backward):
     )  # fmt: skip
 
 
-def resolve_sample(differences, settings):
+def resolve_sample(differences, settings, sample=None):
     """Resolve a sample of epochs, each by itself, with the noise that they show.
 
     Parameters
@@ -357,6 +368,8 @@ def resolve_sample(differences, settings):
         All epochs.
     settings : GnssSettings
         Of an engine method.
+    sample : ndarray of int, optional
+        Indices of the epochs; by default they are spread over the run.
 
     Returns
     -------
@@ -366,8 +379,8 @@ def resolve_sample(differences, settings):
         Epoch indices.
     """
     d = differences
-    sample = _sample_epochs(d)
-    factors = _estimate_variance_factors(d, settings) if settings.stochastic.estimate else (1.0, 1.0)
+    sample = _sample_epochs(d) if sample is None else sample
+    factors = estimate_variance_factors(d, settings, sample)
     return _run_engine(d, _no_arcs(d), settings, factors, epochs=sample), sample
 
 
@@ -379,16 +392,32 @@ def _sample_epochs(differences):
     return np.unique(np.linspace(0, d.n_epochs - 1, size).astype(int))
 
 
-def _estimate_variance_factors(differences, settings):
+def estimate_variance_factors(differences, settings, sample=None):
     """Robust variance factors of phases and codes from the winners of a sample of epochs.
 
     The medians over the epochs of the winners' chi-square over its expectation: wrong winners of the
     worst epochs do not move them. A prior of a few degrees of freedom at 1 keeps short runs sane.
+
+    Parameters
+    ----------
+    differences : SingleDifferences
+        All epochs.
+    settings : GnssSettings
+        Of the run; where it takes the noise as declared, the factors are 1.
+    sample : ndarray of int, optional
+        Indices of the epochs; by default they are spread over the run.
+
+    Returns
+    -------
+    tuple of float
+        Of the variances of phases and codes.
     """
     from .._kernels import engine as kernel
 
+    if not settings.stochastic.estimate:
+        return 1.0, 1.0
     d = differences
-    sample = _sample_epochs(d)
+    sample = _sample_epochs(d) if sample is None else sample
     resolved = _run_engine(d, _no_arcs(d), settings, (1.0, 1.0), epochs=sample)
     chi2 = resolved.table[sample, kernel.CHI2]
     dof = resolved.table[sample, kernel.CHI2_DOF]

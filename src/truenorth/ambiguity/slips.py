@@ -7,7 +7,7 @@ two bands, or, with few satellites, by the Doppler prediction (Harvey 1998, sec.
 Lachapelle 2002). Every decision carries its statistic and limit.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -31,6 +31,47 @@ KINDS = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ArcEnds:
+    """What a block of epochs leaves for the next one: the last row of every arc that may go on.
+
+    Parameters
+    ----------
+    arc : ndarray of int64, shape (k,)
+        Arc of each row, in the numbering of its block.
+    key, base_key, rover_key : ndarray of int64, shape (k,)
+        Satellite and signal: of the difference, in the base's and in the rover's observations.
+    time_ns : ndarray of int64, shape (k,)
+        Its epoch.
+    losses : ndarray of int64, shape (k,)
+        Minus the loss-of-lock flags of both receivers between it and the end of the block.
+    phase_m, phase_variance_m2, wavelength_m, doppler_mps : ndarray, shape (k,)
+        Of the single difference.
+    design_enu : ndarray, shape (k, 3)
+        Likewise.
+    moved : ndarray, shape (k + 1, 4)
+        Change of baseline and clock from the first epoch of the run to each row's, and to the last epoch.
+    """
+
+    arc: np.ndarray
+    key: np.ndarray
+    base_key: np.ndarray
+    rover_key: np.ndarray
+    time_ns: np.ndarray
+    losses: np.ndarray
+    phase_m: np.ndarray
+    phase_variance_m2: np.ndarray
+    wavelength_m: np.ndarray
+    doppler_mps: np.ndarray
+    design_enu: np.ndarray
+    moved: np.ndarray
+
+
+_NUMBER, _METRES = np.empty(0, np.int64), np.empty(0)
+NO_ARCS = ArcEnds(*[_NUMBER] * 6, *[_METRES] * 4, np.empty((0, 3)), np.zeros((1, 4)))
+"""Before the first epoch of a run."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Arcs:
     """Continuous arcs of the single-difference phases.
 
@@ -42,24 +83,32 @@ class Arcs:
         Number of arcs.
     events : list of tuple
         (time_ns, kind, satellite, signal, statistic, limit, text) of every slip.
+    resumed : ndarray of int64, shape (k,)
+        Numbers that the arcs of the block before have now, in the order of its `ArcEnds`.
+    ends : ArcEnds
+        For the next block.
     """
 
     arc: np.ndarray
     n_arcs: int
     events: list
+    resumed: np.ndarray = field(default_factory=lambda: _NUMBER)
+    ends: ArcEnds = NO_ARCS
 
 
-def _lock_losses(observations):
-    """Running count of loss-of-lock flags of each signal, shape (n_rows,)."""
-    key = observations.sat.astype(np.int64) * 1000 + observations.signal
-    order = np.argsort(key, kind="stable")
-    flag = (observations.lli[order] & LLI_SLIP > 0).astype(np.int64)
-    count = np.empty(len(key), np.int64)
-    count[order] = np.cumsum(flag)
-    return count
+def _signal_key(of, row=slice(None)):
+    return of.sat[row].astype(np.int64) * 1000 + of.signal[row]
 
 
-def find_arcs(differences, base, rover, *, baseline_change_m):
+def _count_losses(observations, key, row):
+    """Loss-of-lock flags of the signals `key` up to and with the rows `row`."""
+    n = len(observations.sat)
+    flagged = np.flatnonzero(observations.lli & LLI_SLIP)
+    place = np.sort(_signal_key(observations, flagged) * n + flagged)
+    return np.searchsorted(place, key * n + row, side="right") - np.searchsorted(place, key * n)
+
+
+def find_arcs(differences, base, rover, *, baseline_change_m, past=NO_ARCS):
     """Find the arcs of all single-difference phases.
 
     Parameters
@@ -70,6 +119,8 @@ def find_arcs(differences, base, rover, *, baseline_change_m):
         The raw observations, whose flags at unmatched epochs count too.
     baseline_change_m : float
         How far the baseline may move from one epoch to the next, one sigma.
+    past : ArcEnds, optional
+        Of the block of epochs before; the arcs and their numbers are then those of one run.
 
     Returns
     -------
@@ -78,50 +129,71 @@ def find_arcs(differences, base, rover, *, baseline_change_m):
     from .._kernels.slips import detect_slips
 
     d = differences
+    # The last rows of the past come first, each as an epoch of its own, then an empty epoch: the last one.
+    n_past = len(past.key)
     valid = np.flatnonzero(np.isfinite(d.phase_m))
-    epoch = d.epoch_of_row[valid]
-    time = d.time_ns[epoch]
-    signal = d.sat[valid].astype(np.int64) * 1000 + d.signal[valid]
-    order = np.lexsort((epoch, signal))
-    same = np.zeros(len(order), bool)
-    same[1:] = signal[order][1:] == signal[order][:-1]
-    gap = np.zeros(len(order))
-    gap[1:] = np.diff(time[order]) / NS_PER_S
+    epoch_of_row = np.concatenate((np.arange(n_past), d.epoch_of_row + n_past + 1))
+    key = np.concatenate((past.key, _signal_key(d)))
+    time_ns = np.concatenate((past.time_ns, d.time_ns[d.epoch_of_row]))
+    base_key = np.concatenate((past.base_key, _signal_key(base, d.base_row)))
+    rover_key = np.concatenate((past.rover_key, _signal_key(rover, d.rover_row)))
+    losses = _count_losses(base, base_key[n_past:], d.base_row)
+    losses += _count_losses(rover, rover_key[n_past:], d.rover_row)
+    losses = np.concatenate((past.losses, losses))
+    columns = ("phase_m", "phase_variance_m2", "wavelength_m", "doppler_mps", "design_enu")
+    phase, variance, wavelength, doppler, design = (
+        np.concatenate((getattr(past, name), getattr(d, name))) for name in columns
+    )
+    valid = np.concatenate((np.arange(n_past), valid + n_past))
+    rows = valid[np.lexsort((epoch_of_row[valid], key[valid]))]
+    same = np.zeros(len(rows), bool)
+    same[1:] = key[rows][1:] == key[rows][:-1]
+    gap = np.zeros(len(rows))
+    gap[1:] = np.diff(time_ns[rows]) / NS_PER_S
     linked = same & (gap <= MAX_GAP_S)
+    flags = np.zeros(len(rows), bool)
+    flags[1:] = linked[1:] & (np.diff(losses[rows]) != 0)
 
-    losses = _lock_losses(base)[d.base_row[valid]] + _lock_losses(rover)[d.rover_row[valid]]
-    flagged = np.zeros(len(order), bool)
-    flagged[1:] = linked[1:] & (np.diff(losses[order]) != 0)
-    flags = flagged.copy()
-
-    previous = np.full(len(d.phase_m), -1, np.int64)
-    dt = np.zeros(len(d.phase_m))
-    use = linked & ~flagged
-    rows = valid[order]
-    at = np.flatnonzero(use)
+    n = len(phase)
+    previous = np.full(n, -1, np.int64)
+    dt = np.zeros(n)
+    at = np.flatnonzero(linked & ~flags)
     previous[rows[at]] = rows[at - 1]
     dt[rows[at]] = gap[at]
-    slip = np.zeros(len(d.phase_m), np.int64)
-    statistic = np.full(len(d.phase_m), np.nan)
-    limit = np.full(len(d.phase_m), np.nan)
+    slip = np.zeros(n, np.int64)
+    statistic, limit = np.full(n, np.nan), np.full(n, np.nan)
+    start = np.concatenate((np.arange(n_past + 1), d.start + n_past))
+    moved = np.concatenate((past.moved, np.empty((d.n_epochs, 4))))
     detect_slips(
-        d.start, d.phase_m, d.design_enu, d.phase_variance_m2, d.wavelength_m, d.sat.astype(np.int64),
-        previous, d.doppler_mps, dt, float(baseline_change_m), LIMIT_SD, slip, statistic, limit,
+        n_past + 1, start, phase, design, variance, wavelength, key // 1000, previous, doppler, dt,
+        float(baseline_change_m), LIMIT_SD, moved, slip, statistic, limit,
     )  # fmt: skip
     begins = ~linked | flags | (slip[rows] > 0)
-    arc = np.full(len(d.phase_m), -1, np.int64)
+    arc = np.full(n, -1, np.int64)
     arc[rows] = np.cumsum(begins) - 1
+
+    # Last rows of their signals, as far as the next epoch may still continue them.
+    last = rows[np.append(~same[1:], True)] if len(rows) else rows
+    last = last[d.time_ns[-1] - time_ns[last] <= MAX_GAP_S * NS_PER_S]
+    to_come = _count_losses(base, base_key[last], base.n_rows - 1)
+    to_come += _count_losses(rover, rover_key[last], rover.n_rows - 1)
+    ends = ArcEnds(
+        arc[last], key[last], base_key[last], rover_key[last], time_ns[last], losses[last] - to_come,
+        phase[last], variance[last], wavelength[last], doppler[last], design[last],
+        np.concatenate((moved[epoch_of_row[last]], moved[-1:])),
+    )  # fmt: skip
 
     events = []
     slipped = rows[linked & (flags | (slip[rows] > 0))]
-    from_flag = np.zeros(len(d.phase_m), bool)
+    from_flag = np.zeros(n, bool)
     from_flag[rows[flags]] = True
     for row in np.sort(slipped):
         kind = KINDS[4] if from_flag[row] else KINDS[int(slip[row])]
-        name, tracking = sat_name(int(d.sat[row])), signal_name(int(d.signal[row]))
+        sat, signal = divmod(int(key[row]), 1000)
+        name, tracking = sat_name(sat), signal_name(signal)
         text = f"cycle slip of {name} {tracking} by the {kind}"
         if not from_flag[row]:
             text += f": {statistic[row]:+.3f} m, limit {limit[row]:.3f} m"
-        time_ns = int(d.time_ns[np.searchsorted(d.start, row, side="right") - 1])
-        events.append((time_ns, "slip", name, tracking, float(statistic[row]), float(limit[row]), text))
-    return Arcs(arc, int(np.sum(begins)), events)
+        numbers = float(statistic[row]), float(limit[row])
+        events.append((int(time_ns[row]), "slip", name, tracking, *numbers, text))
+    return Arcs(arc[n_past:], int(np.sum(begins)), events, arc[:n_past], ends)

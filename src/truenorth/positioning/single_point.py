@@ -312,6 +312,8 @@ def _select_dopplers(observations, code_row, code_start):
     other, start = _first_by_rank(
         observations, np.where(np.isfinite(observations.doppler_hz), rank, _NO_RANK)
     )
+    if len(other) == 0:
+        return row
     epochs = np.arange(observations.n_epochs)
     key = np.repeat(epochs, np.diff(code_start)) * 1000 + observations.sat[code_row]
     other_key = np.repeat(epochs, np.diff(start)) * 1000 + observations.sat[other]
