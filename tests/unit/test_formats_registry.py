@@ -18,6 +18,8 @@ MET = b"     3.04           METEOROLOGICAL DATA                     RINEX VERSIO
 SP3 = b"#dP2023  8 27  0  0  0.00000000      96 ORBIT IGS20 FIT AIUB\n"
 # UBX-NAV-EOE with its checksum by hand: class 01, id 61, length 4.
 UBX = bytes.fromhex("b562016104000000000066c7")
+# An OEM3 message without data: identity 99, twelve bytes, the exclusive or of all is zero.
+OEM3 = bytes.fromhex("aa441190630000000c000000")
 
 
 @pytest.mark.parametrize(
@@ -31,13 +33,25 @@ UBX = bytes.fromhex("b562016104000000000066c7")
         (SP3, "sp3"),
         (UBX, "ubx"),
         (b"$GNGGA,,,,\r\n" * 20 + UBX, "ubx"),
+        (OEM3, "novatel_oem3"),
+        (b"$POSA,1,2*00\r\n" * 20 + OEM3, "novatel_oem3"),
+        (b"# fog-packet 1\n929 1.0 a0107e\n", "fog_log"),
+        (b"929 339200.0 $C328.3P28.4R-12.4*41\r\n", "tcm2"),
+        (b"#\xff\r\n$HCHDM,182.3,M*21\r\n", "tcm2"),
+        (b"\x10\x7e" + b"\xa0\x10\x7e" * 30, "fog_packets"),
     ],
 )
 def test_formats_by_first_bytes(head, name):
     assert sniff_bytes(head).name == name
 
 
-@pytest.mark.parametrize("head", [b"", b"hello", MET, UBX[:-1] + b"\x00", b"\xb5\x62", b"\xff" * 100])
+@pytest.mark.parametrize(
+    "head",
+    [
+        *(b"", b"hello", MET, UBX[:-1] + b"\x00", b"\xb5\x62", b"\xff" * 100),
+        *(OEM3[:-1] + b"\x01", b"$HCHDM,182.3,M\n", b"\xa0\x10\x7e" * 5, "Bäume, Äste, Öl".encode() * 20),
+    ],
+)
 def test_unknown_bytes(head):
     assert sniff_bytes(head) is None
 
@@ -117,3 +131,23 @@ def test_import_is_light():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert json.loads(done.stdout) == []
+
+
+@pytest.mark.parametrize("read", [tn.read_observations, tn.read_navigation])
+def test_a_sensor_log_in_the_wrong_place(tmp_path, read):
+    path = tmp_path / "gyro.fog"
+    path.write_bytes(b"# fog-packet 1\n929 1.0 a0107e\n")
+    with pytest.raises(FormatError, match="this is a log of fibre-optic gyro packets and"):
+        read(path)
+
+
+def test_inventory_of_a_sensor_table(tmp_path):
+    from truenorth.formats import write_sensor_table
+    from truenorth.sensor_log import SensorLog
+
+    columns = {"rate_radps": np.array([0.1, np.nan, 0.3])}
+    write_sensor_table(tmp_path / "gyro.csv", SensorLog("gyro", 10**18 + 10**8 * np.arange(3), columns))
+    sensor = tn.summarize(tmp_path / "gyro.csv").sensor
+    assert (sensor.kind, sensor.n_samples, sensor.rate_hz) == ("gyro", 3, 10.0)
+    (rate,) = sensor.columns
+    assert (rate.smallest, rate.largest, round(rate.share, 3)) == (0.1, 0.3, 0.667)

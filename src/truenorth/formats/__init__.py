@@ -10,17 +10,24 @@ from typing import Any
 from .registry import FORMATS, read, read_navigation, read_observations, sniff
 
 _LAZY = {
+    "FogCoding": "fog_packet",
     "RinexObservationWriter": "rinex_obs_writer",
     "write_rinex_navigation": "rinex_nav_writer",
     "TableWriter": "sensor_table",
     "parse_antex": "antex",
     "phase_centre_correction_m": "antex",
     "read_antex": "antex",
+    "read_fog_packets": "fog_packet",
     "read_sensor_table": "sensor_table",
     "read_table": "sensor_table",
+    "read_tcm2": "tcm2",
+    "split_tcm2": "tcm2",
+    "write_fog_packets": "fog_packet",
+    "write_oem3": "novatel_oem3_writer",
     "write_rinex_observations": "rinex_obs_writer",
     "write_sensor_table": "sensor_table",
     "write_table": "sensor_table",
+    "write_tcm2": "tcm2",
 }
 
 __all__ = [  # noqa: PLE0604  (the keys are strings)

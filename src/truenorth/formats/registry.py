@@ -226,8 +226,9 @@ def identify(path):
 
     data = read_bytes(path)
     form = sniff_bytes(data)
-    if form is None and _is_ubx(data[: 64 * _LOOK_AT]):  # other messages may come before the first frame
-        form = next(f for f in FORMATS if f.name == "ubx")
+    if form is None:  # other messages may come before the first one of a receiver
+        logs = [f for f in FORMATS if f.holds == "both"]
+        form = next((f for f in logs if f.recognise(data[: 64 * _LOOK_AT])), None)
     if form is None:
         raise FormatError(_not_recognised(data), path=path, line_number=1 if _is_text(data) else None)
     return form, data
