@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from ..errors import ConfigError
-from .drives import drive_law, require_positive
+from .drives import drive_law, require_not_negative, require_positive
 from .kinematics import LocalPlane
 from .paths import SplinePath, SplineProfile
 from .randomness import stream
@@ -67,6 +67,7 @@ class CircuitMotion(
         require_positive(
             self, "hillock_height_m", "hillock_length_m", "acceleration_mps2", "lateral_acceleration_mps2"
         )
+        require_not_negative(self, "wait_s")
         if not self.laps:
             raise ConfigError("`laps` is empty; give at least one lap", key="laps", value=self.laps)
         if np.pi * self.hillock_height_m > 0.5 * self.hillock_length_m:
@@ -131,7 +132,7 @@ def circuit_trajectory(
             heights += section.hillock_height_m * np.where(near, bump, 0.0)
     law, _, _ = drive_law(
         path,
-        path.length_m,
+        1,
         limit,
         acceleration_mps2=section.acceleration_mps2,
         lateral_acceleration_mps2=section.lateral_acceleration_mps2,

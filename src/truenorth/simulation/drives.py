@@ -21,6 +21,7 @@ __all__ = [
     "circle_trajectory",
     "drive_law",
     "height_profile",
+    "require_not_negative",
     "require_open_turns",
     "require_positive",
     "street_path",
@@ -37,6 +38,14 @@ def require_positive(section: object, *keys: str) -> None:
         value = getattr(section, key)
         if not value > 0.0:
             raise ConfigError(f"`{key}` is {value!r}; give a positive number", key=key, value=value)
+
+
+def require_not_negative(section: object, *keys: str) -> None:
+    """Refuse settings that are negative or no numbers."""
+    for key in keys:
+        value = getattr(section, key)
+        if not value >= 0.0:
+            raise ConfigError(f"`{key}` is {value!r}; give 0 or more", key=key, value=value)
 
 
 def require_open_turns(key: str, corners_m: Sequence[Sequence[float]], *, closed: bool) -> None:
@@ -57,7 +66,7 @@ def require_open_turns(key: str, corners_m: Sequence[Sequence[float]], *, closed
 
 def drive_law(
     path: SplinePath,
-    total_m: float,
+    laps: int,
     speed_limit: Callable[[np.ndarray], np.ndarray],
     *,
     acceleration_mps2: float,
@@ -73,8 +82,8 @@ def drive_law(
     ----------
     path : SplinePath
         The route.
-    total_m : float
-        Way from start to end, over all laps.
+    laps : int
+        How many times a closed path is driven; 1 for an open one.
     speed_limit : callable
         Highest speed (m/s) by the way (m), arrays.
     acceleration_mps2, lateral_acceleration_mps2 : float
@@ -95,15 +104,17 @@ def drive_law(
     way_m, arrival_s : ndarray
         Points of the route and when they are reached.
     """
-    n = int(np.ceil(total_m))
-    way = np.linspace(0.0, total_m, n + 1)
+    # Cells of a metre, or less where the path is finer; as many in each lap, so that a longer drive begins
+    # like a shorter one.
+    cells = int(np.ceil(path.length_m / min(1.0, path.step_m)))
+    way = np.arange(laps * cells + 1) * (path.length_m / cells)
     limit = speed_limit(way)
     # The law is smoothed in time, so that a turn is entered a little faster than it was planned.
     curvature = np.abs(path.curvature(way))
     limit = np.minimum(limit, np.sqrt(0.85 * lateral_acceleration_mps2 / np.maximum(curvature, 1e-9)))
     limit[[0, -1]] = 0.0
     # Six equal control points in a row make a rest, so that a halt takes five steps more than it lasts.
-    halts = [(round(where / total_m * n), duration + 5.0 * step_s) for where, duration in stops]
+    halts = [(round(where / path.length_m * cells), duration + 5.0 * step_s) for where, duration in stops]
     arrival, departure, speed = fastest_times(way, limit, acceleration_mps2, acceleration_mps2, halts)
     start = wait_s + 3.0 * step_s
     times = np.arange(-np.ceil(PAD_S / step_s), np.ceil((duration_s + PAD_S) / step_s) + 1.0) * step_s
@@ -181,6 +192,7 @@ class WaypointMotion(
         require_positive(
             self, "speed_mps", "acceleration_mps2", "lateral_acceleration_mps2", "corner_radius_m"
         )
+        require_not_negative(self, "wait_s")
         for point in self.points_m:
             if len(point) not in (2, 3):
                 raise ConfigError(
@@ -228,7 +240,7 @@ def waypoint_trajectory(
     ]
     law, _, _ = drive_law(
         path,
-        laps * path.length_m,
+        laps,
         limit,
         acceleration_mps2=section.acceleration_mps2,
         lateral_acceleration_mps2=section.lateral_acceleration_mps2,

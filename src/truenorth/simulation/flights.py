@@ -122,7 +122,7 @@ def aircraft_trajectory(section: AircraftMotion, plane: LocalPlane, duration_s: 
     )
     flown = velocity.antiderivative()
     by_way = BSpline(flown.t * section.speed_mps, flown.c - flown(0.0), flown.k)
-    path = SplinePath(by_way, section.speed_mps * duration_s, closed=False)
+    path = SplinePath(by_way, section.speed_mps * duration_s, False, section.speed_mps * (fine[1] - fine[0]))
     climb = SplineLaw.from_rates(
         begin,
         [leg.climb_mps for leg in legs],

@@ -99,9 +99,8 @@ class TableTrajectory:
         if np.max(np.abs(rows[:, 4])) > np.radians(85.0):
             raise ConfigError("the motion table has a pitch beyond 85 degrees; leave it out", key="motion")
         self.first_s, self.last_s = float(time_s[0]), float(time_s[-1])
-        spline = make_interp_spline(time_s, rows, k=5)
-        before = _continuation(spline, time_s[0], -1.0, time_s[1] - time_s[0])
-        after = _continuation(spline, time_s[-1], 1.0, time_s[-1] - time_s[-2])
+        before = _continuation(time_s[:12], rows[:12], 0)
+        after = _continuation(time_s[-12:], rows[-12:], -1)
         times = np.concatenate([before[0][::-1], time_s, after[0]])
         rows = np.concatenate([before[1][::-1], rows, after[1]])
         spline = make_interp_spline(times, rows, k=5)
@@ -156,14 +155,18 @@ STILL_MPS = 0.02
 """Below it the direction of a tabulated velocity is that of the rounding."""
 
 
-def _continuation(spline, end_s, sign, step_s):
-    """Rows beyond an end: the speed there goes on, the acceleration fades within a second."""
-    value, first, second = spline(end_s), spline.derivative()(end_s), spline.derivative(2)(end_s)
-    elapsed = step_s * np.arange(1.0, np.ceil(REACH_S / step_s) + 1.0)[:, None]
+def _continuation(time_s, rows, end):
+    """Rows beyond the first (end 0) or last (-1) one: the rate goes on, its change fades in a second."""
+    # Of a cubic through some rows, because those of the spline at its end have the rounding of the rows.
+    origin = time_s[end]
+    cubic = np.polynomial.polynomial.polyfit(time_s - origin, rows, 3)
+    sign = 1.0 if end else -1.0
+    step = (time_s[-1] - time_s[0]) / (len(time_s) - 1)
+    elapsed = step * np.arange(1.0, np.ceil(REACH_S / step) + 1.0)[:, None]
     # Twice integrated, a second derivative that decays with a time constant of 1 s.
     faded = np.expm1(-elapsed) + elapsed
-    rows = value + sign * first * elapsed + second * faded
-    return end_s + sign * elapsed[:, 0], rows
+    beyond = rows[end] + sign * cubic[1] * elapsed + 2.0 * cubic[2] * faded
+    return origin + sign * elapsed[:, 0], beyond
 
 
 def read_motion_table(section: TableMotion, *, duration_s: float, folder: str = "") -> TableTrajectory:

@@ -71,11 +71,13 @@ class SplinePath:
         Length; of a closed path, that of one lap.
     closed : bool
         The way goes on around.
+    step_m : float
+        Finest detail, the distance of the knots.
     """
 
-    def __init__(self, spline, length_m: float, closed: bool) -> None:
+    def __init__(self, spline, length_m: float, closed: bool, step_m: float) -> None:
         self._splines = [spline, *(spline.derivative(order) for order in (1, 2, 3))]
-        self.length_m, self.closed = float(length_m), closed
+        self.length_m, self.closed, self.step_m = float(length_m), closed, float(step_m)
 
     @classmethod
     def through(cls, points_m: np.ndarray, *, closed: bool) -> SplinePath:
@@ -142,9 +144,11 @@ class SplinePath:
         points = curve(np.clip(inverse(way), 0.0, end))
         if closed:
             points[-1] = points[0]
-            return cls(make_interp_spline(way, points, k=5, bc_type="periodic"), length[-1], closed)
+            return cls(make_interp_spline(way, points, k=5, bc_type="periodic"), length[-1], True, way[1])
         straight = [(2, np.zeros(2)), (3, np.zeros(2))]
-        return cls(make_interp_spline(way, points, k=5, bc_type=(straight, straight)), length[-1], closed)
+        return cls(
+            make_interp_spline(way, points, k=5, bc_type=(straight, straight)), length[-1], False, way[1]
+        )
 
     def derivatives(self, way_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Point and its first three derivatives by the way, each of shape (n, 2)."""

@@ -81,11 +81,11 @@ class ShipMotion(
     speed_mps: float = 5.0
     """Constant."""
     legs: tuple[ShipLeg, ...] = (
-        ShipLeg(course_deg=35.0, length_m=4000.0),
-        ShipLeg(course_deg=80.0, length_m=1500.0),
-        ShipLeg(course_deg=350.0, length_m=2500.0),
-        ShipLeg(course_deg=245.0, length_m=3000.0),
-        ShipLeg(course_deg=170.0, length_m=4500.0),
+        ShipLeg(course_deg=35.0, length_m=1500.0),
+        ShipLeg(course_deg=80.0, length_m=1200.0),
+        ShipLeg(course_deg=350.0, length_m=2000.0),
+        ShipLeg(course_deg=245.0, length_m=2500.0),
+        ShipLeg(course_deg=170.0, length_m=3500.0),
         ShipLeg(course_deg=290.0, length_m=1200.0),
     )
     turn_radius_m: float = 300.0

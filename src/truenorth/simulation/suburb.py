@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from ..errors import ConfigError
-from .drives import drive_law, height_profile, require_positive, street_path
+from .drives import drive_law, height_profile, require_not_negative, require_positive, street_path
 from .kinematics import LocalPlane
 from .paths import SplinePath
 from .randomness import stream
@@ -37,7 +37,7 @@ class SuburbanMotion(
     bearing_deg: float = 0.0
     """Of the streets, clockwise from north."""
     speed_kmh: tuple[int, int] = (20, 50)
-    """Lowest and highest speed limit of a street; each has a multiple of 10 of its own."""
+    """Lowest and highest speed limit; each street has one of its own between them, in steps of 10."""
     acceleration_mps2: float = 1.5
     """Highest acceleration and deceleration."""
     lateral_acceleration_mps2: float = 2.0
@@ -62,6 +62,7 @@ class SuburbanMotion(
         require_positive(
             self, "acceleration_mps2", "lateral_acceleration_mps2", "corner_radius_m", "stationary_for_s"
         )
+        require_not_negative(self, "wait_s")
         if not 1 <= self.blocks <= 200:
             raise ConfigError(f"`blocks` is {self.blocks!r}; give 1 to 200", key="blocks", value=self.blocks)
         for key, least in (("block_m", 4.0 * self.corner_radius_m), ("speed_kmh", 10), ("stop_s", 0.0)):
@@ -219,25 +220,28 @@ def suburban_trajectory(
     limits_mps[0] = limits_mps[-1]
     ground = np.linspace(0.0, path.length_m, int(path.length_m / 8.0), endpoint=False)
     heights = hill_heights(path.derivatives(ground)[0], 0.005 * section.grade_percent, rng)
+    # Nobody drives evenly: a speed that wanders within a tenth below the limit.
+    habit = Sinusoids(
+        np.full(3, 1.0 / 3.0), 2.0 * np.pi / rng.uniform(80.0, 400.0, 3), rng.uniform(0.0, 6.28, 3)
+    )
 
     def limit(way: np.ndarray) -> np.ndarray:
         side = np.searchsorted(corner_way, np.mod(way, path.length_m), side="right") - 1
-        return limits_mps[side]
+        return limits_mps[side] * (0.95 + 0.05 * habit.derivatives(way)[0])
 
     laps = 2 + int((duration_s + 60.0) * np.max(limits_mps) / path.length_m)
-    rng = stream(seed, "motion", "stops")
-    n_corners = len(corner_way) - 1
-    halted = rng.random((laps, n_corners)) < section.stop_share
-    lengths = rng.uniform(*section.stop_s, (laps, n_corners))
-    stops = [
-        (lap * path.length_m + corner_way[1 + corner] - STOP_LINE_M, lengths[lap, corner])
-        for lap, corner in np.argwhere(halted)
-    ]
+    stops = []
+    for lap in range(laps):
+        rng = stream(seed, "motion", "stops", lap)
+        halted = rng.random(len(corner_way) - 1) < section.stop_share
+        lengths = rng.uniform(*section.stop_s, len(halted))
+        where = lap * path.length_m + corner_way[1:] - STOP_LINE_M
+        stops.extend(zip(where[halted], lengths[halted], strict=True))
 
     def plan(stops):
         return drive_law(
             path,
-            laps * path.length_m,
+            laps,
             limit,
             acceleration_mps2=section.acceleration_mps2,
             lateral_acceleration_mps2=section.lateral_acceleration_mps2,
