@@ -11,9 +11,6 @@ from .registry import FORMATS, read, read_navigation, read_observations, sniff
 
 _LAZY = {
     "FogCoding": "fog_packet",
-    "RinexObservationWriter": "rinex_obs_writer",
-    "write_rinex_navigation": "rinex_nav_writer",
-    "TableWriter": "sensor_table",
     "parse_antex": "antex",
     "phase_centre_correction_m": "antex",
     "read_antex": "antex",
@@ -21,13 +18,18 @@ _LAZY = {
     "read_sensor_table": "sensor_table",
     "read_table": "sensor_table",
     "read_tcm2": "tcm2",
+    "RinexObservationWriter": "rinex_obs_writer",
     "split_tcm2": "tcm2",
+    "TableWriter": "sensor_table",
+    "UbxWriter": "ubx_writer",
     "write_fog_packets": "fog_packet",
     "write_oem3": "novatel_oem3_writer",
+    "write_rinex_navigation": "rinex_nav_writer",
     "write_rinex_observations": "rinex_obs_writer",
     "write_sensor_table": "sensor_table",
     "write_table": "sensor_table",
     "write_tcm2": "tcm2",
+    "write_ubx": "ubx_writer",
 }
 
 __all__ = [  # noqa: PLE0604  (the keys are strings)

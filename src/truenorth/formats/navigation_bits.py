@@ -50,8 +50,8 @@ FNAV_BITS = 214
 GLONASS_BITS = 85
 """Bits of a GLONASS string, from bit 85 (idle) down to bit 1."""
 
-_GALILEO_WEEK = 1024
-_BEIDOU_WEEK = 1356
+GALILEO_WEEK = 1024
+BEIDOU_WEEK = 1356
 _GLONASS_FRAME_NS = 60 * NS_PER_S  # 30 s, and room for a log whose times come late
 _PI = 3.1415926535898  # the value that all the interface documents prescribe
 
@@ -128,9 +128,9 @@ _LNAV_TOW = _field(0, 24, 17, scale=6.0)
 _LNAV_SUBFRAME = _field(0, 43, 3)
 _LNAV_BODY = (1 << 192) - 1
 # Subframe 4, page 18 (satellite identity 56): ionosphere and UTC.
-_LNAV_PAGE = _field(4, 50, 6)
-_LNAV_KLOBUCHAR = _klobuchar_fields(4, 56)
-_LNAV_LEAP = {
+LNAV_PAGE = _field(4, 50, 6)
+LNAV_KLOBUCHAR = _klobuchar_fields(4, 56)
+LNAV_LEAP = {
     "now_s": _signed(4, 192, 8, scale=1.0),
     "week": _field(4, 200, 8),
     "day": _field(4, 208, 8),
@@ -175,7 +175,7 @@ INAV_FIELDS = {
     "tow_s": _field(5, 85, 20),
 }
 _INAV_TYPE = _field(0, 0, 6)
-_INAV_NEQUICK = [
+INAV_NEQUICK = [
     _field(5, 6, 11, scale=2.0**-2),
     _signed(5, 17, 11, scale=2.0**-8),
     _signed(5, 28, 14, scale=2.0**-15),
@@ -215,7 +215,7 @@ FNAV_FIELDS = {
     "cic_rad": _signed(4, 16, 16, scale=2.0**-29),
     "cis_rad": _signed(4, 32, 16, scale=2.0**-29),
 }
-_FNAV_NEQUICK = [
+FNAV_NEQUICK = [
     _field(1, 102, 11, scale=2.0**-2),
     _signed(1, 113, 11, scale=2.0**-8),
     _signed(1, 124, 14, scale=2.0**-15),
@@ -251,7 +251,7 @@ D1_FIELDS = {
     "omega0_rad": _signed(3, 159, 32, scale=2.0**-31 * _PI),
     "omega_rad": _signed(3, 191, 32, scale=2.0**-31 * _PI),
 }
-_D1_KLOBUCHAR = _klobuchar_fields(1, 98)
+D1_KLOBUCHAR = _klobuchar_fields(1, 98)
 _BEIDOU_PREAMBLE = _field(0, 0, 11)
 _BEIDOU_SUBFRAME = _field(0, 15, 3)
 _BEIDOU_SOW = _field(0, 18, 20)
@@ -287,7 +287,7 @@ D2_FIELDS = {
     "idot_radps": _signed(10, 47, 14, scale=2.0**-43 * _PI),
 }
 _D2_PAGE = _field(0, 38, 4)
-_D2_KLOBUCHAR = _klobuchar_fields(2, 42)
+D2_KLOBUCHAR = _klobuchar_fields(2, 42)
 
 # GLONASS ICD 5.1 table 4.5 and figure 4.3; ICD bit n is bit 85 - n here; the key is the string.
 GLONASS_FIELDS = {
@@ -351,7 +351,7 @@ def _full_week(week, modulus, near_ns):
     return near + (week - near + modulus // 2) % modulus - modulus // 2
 
 
-def _ura_m(index):
+def ura_m(index):
     """Nominal accuracy of a URA index: IS-GPS-200N 20.3.3.3.1.3; NaN for index 15 (no prediction)."""
     if index >= 15:
         return np.nan
@@ -359,7 +359,7 @@ def _ura_m(index):
     return rounded.get(index, 2.0 ** (1 + index / 2) if index <= 6 else 2.0 ** (index - 2))
 
 
-def _sisa_m(index):
+def sisa_m(index):
     """Accuracy of a SISA index: Galileo OS SIS ICD 2.1 table 89; NaN where there is no statement."""
     if index <= 49:
         return index * 0.01
@@ -445,17 +445,17 @@ class BroadcastDecoder:
         sent_ns = week * NS_PER_WEEK + round((start_s + 6.0) * NS_PER_S)
         if value["tgd_s"] == -128 * 2.0**-31:  # not available: IS-GPS-200N 20.3.3.3.3.2
             value["tgd_s"] = 0.0
-        value["ura_m"] = _ura_m(value["ura_index"])
+        value["ura_m"] = ura_m(value["ura_index"])
         value["fit_interval_s"] = _lnav_fit_s(sat, value["fit_flag"], value["iodc"])
         return self._keep_kepler(sat, MessageType.LNAV, value, sent_ns, value["iode"], value["iodc"])
 
     def _add_lnav_page(self, sat, bits, near_ns):
         frames = {4: bits}
-        if extract(frames, _LNAV_PAGE, LNAV_BITS) != 56:
+        if extract(frames, LNAV_PAGE, LNAV_BITS) != 56:
             return
         letter = "J" if sat // 100 == QZSS else "G"
-        self.klobuchar[letter] = np.array([extract(frames, f, LNAV_BITS) for f in _LNAV_KLOBUCHAR])
-        leap = _extract_all(frames, _LNAV_LEAP, LNAV_BITS)
+        self.klobuchar[letter] = np.array([extract(frames, f, LNAV_BITS) for f in LNAV_KLOBUCHAR])
+        leap = _extract_all(frames, LNAV_LEAP, LNAV_BITS)
         effective_ns = _full_week(leap["week"], 256, near_ns) * NS_PER_WEEK + leap["day"] * NS_PER_DAY
         self.leap_seconds = leap["future_s"] if near_ns >= effective_ns else leap["now_s"]
 
@@ -468,7 +468,7 @@ class BroadcastDecoder:
         repeated = frames.get(word) == bits
         frames[word] = bits
         if word == 5:
-            self.nequick = np.array([extract(frames, f, INAV_BITS) for f in _INAV_NEQUICK])
+            self.nequick = np.array([extract(frames, f, INAV_BITS) for f in INAV_NEQUICK])
         if len(frames) < 5 or repeated:
             return
         issues = {extract(frames, INAV_FIELDS[f"iod{k}"], INAV_BITS) for k in (1, 2, 3, 4)}
@@ -492,7 +492,7 @@ class BroadcastDecoder:
         frames = self._frames.setdefault((MessageType.FNAV, sat), {})
         frames[page] = bits
         if page == 1 and self.nequick is None:
-            self.nequick = np.array([extract(frames, f, FNAV_BITS) for f in _FNAV_NEQUICK])
+            self.nequick = np.array([extract(frames, f, FNAV_BITS) for f in FNAV_NEQUICK])
         if len(frames) < 4:
             return
         issues = {extract(frames, FNAV_FIELDS[f"iod{k}"], FNAV_BITS) for k in (1, 2, 3, 4)}
@@ -503,9 +503,9 @@ class BroadcastDecoder:
         self._keep_galileo(sat, MessageType.FNAV, value, issues.pop(), near_ns)
 
     def _keep_galileo(self, sat, message, value, issue, near_ns):
-        week = _full_week(value["week"] + _GALILEO_WEEK, 4096, near_ns)
+        week = _full_week(value["week"] + GALILEO_WEEK, 4096, near_ns)
         sent_ns = week * NS_PER_WEEK + round(value["tow_s"] * NS_PER_S)
-        value["ura_m"] = _sisa_m(value["sisa_index"])
+        value["ura_m"] = sisa_m(value["sisa_index"])
         value["fit_interval_s"] = 28_800.0
         self._keep_kepler(sat, message, value, sent_ns, issue, issue)
 
@@ -523,9 +523,9 @@ class BroadcastDecoder:
         number = extract({0: bits}, _BEIDOU_SUBFRAME, D1_BITS)
         sow = extract({0: bits}, _BEIDOU_SOW, D1_BITS)
         if message == MessageType.D1:
-            fields, klobuchar, ionosphere_frame, n_frames, step_s = D1_FIELDS, _D1_KLOBUCHAR, 1, 3, 6
+            fields, klobuchar, ionosphere_frame, n_frames, step_s = D1_FIELDS, D1_KLOBUCHAR, 1, 3, 6
         elif number == 1:
-            fields, klobuchar, ionosphere_frame, n_frames, step_s = D2_FIELDS, _D2_KLOBUCHAR, 2, 10, 3
+            fields, klobuchar, ionosphere_frame, n_frames, step_s = D2_FIELDS, D2_KLOBUCHAR, 2, 10, 3
             number = extract({0: bits}, _D2_PAGE, D2_BITS)
         else:
             return None
@@ -545,11 +545,11 @@ class BroadcastDecoder:
         if not needed <= frames.keys():
             return None
         value = _extract_all(frames, fields, D1_BITS)
-        week = value["week"] + _BEIDOU_WEEK
+        week = value["week"] + BEIDOU_WEEK
         sent_ns = week * NS_PER_WEEK + start_s * NS_PER_S + BDT_OFFSET_NS
         if abs(sent_ns - near_ns) > 4 * NS_PER_WEEK:
             return self.skip("BeiDou week")
-        value["ura_m"] = _ura_m(value["ura_index"])
+        value["ura_m"] = ura_m(value["ura_index"])
         value["fit_interval_s"] = 14_400.0
         for name in ("toe_s", "toc_s"):
             value[name] += BDT_OFFSET_NS / NS_PER_S

@@ -47,8 +47,8 @@ FORMAT = "ubx"
 
 _SYNC = (0xB5, 0x62)
 _OVERHEAD = 8
-_RAWX, _RAW, _SFRBX = 0x0215, 0x0210, 0x0213
-_MON_VER, _NAV_SOL, _NAV_POSECEF, _NAV_PVT = 0x0A04, 0x0106, 0x0101, 0x0107
+RXM_RAWX, RXM_RAW, RXM_SFRBX = 0x0215, 0x0210, 0x0213
+MON_VER, NAV_SOL, NAV_POSECEF, NAV_PVT = 0x0A04, 0x0106, 0x0101, 0x0107
 _NAMES = {
     0x0101: "NAV-POSECEF",
     0x0102: "NAV-POSLLH",
@@ -72,7 +72,7 @@ _EPOCH = np.dtype(
     [("tow", "<f8"), ("week", "<u2"), ("leap", "i1"), ("n", "u1"), ("status", "u1"), ("version", "u1"),
      ("reserved", "u1", 2)]
 )  # fmt: skip
-_MEASUREMENT = np.dtype(
+MEASUREMENT = np.dtype(
     [("code", "<f8"), ("phase", "<f8"), ("doppler", "<f4"), ("gnss", "u1"), ("sv", "u1"), ("sig", "u1"),
      ("freq", "u1"), ("lock_ms", "<u2"), ("cn0", "u1"), ("code_sd", "u1"), ("phase_sd", "u1"),
      ("doppler_sd", "u1"), ("track", "u1"), ("reserved", "u1")]
@@ -89,7 +89,7 @@ _NO_COUNTER_MS = 1 << 50  # longer than any gap: RXM-RAW flags slips itself
 _WEEK_LIMIT = 8_192
 
 # gnssId: our system, range of svId, what to subtract to get the satellite number.
-_SYSTEM_OF_GNSS = {
+SYSTEM_OF_GNSS = {
     0: (GPS, 1, 32, 0),
     1: (SBAS, 120, 158, 100),
     2: (GALILEO, 1, 36, 0),
@@ -99,7 +99,7 @@ _SYSTEM_OF_GNSS = {
     7: (NAVIC, 1, 14, 0),
 }
 # sigId of each gnssId, ZED-F9P interface description 1.5.4 and its successors.
-_SIGNALS = {
+SIGNALS = {
     0: {0: "1C", 3: "2L", 4: "2S", 6: "5I", 7: "5Q"},
     1: {0: "1C"},
     2: {0: "1C", 1: "1B", 3: "5I", 4: "5Q", 5: "7I", 6: "7Q", 8: "6B", 9: "6C", 10: "6A"},
@@ -113,10 +113,10 @@ _SIGNALS = {
 def _lookup_tables():
     sat = np.full((256, 256), -1, dtype=np.int16)
     signal = np.full((256, 256), -1, dtype=np.int16)
-    for gnss, (system, first, last, offset) in _SYSTEM_OF_GNSS.items():
+    for gnss, (system, first, last, offset) in SYSTEM_OF_GNSS.items():
         numbers = np.arange(first, last + 1)
         sat[gnss, numbers] = 100 * system + numbers - offset
-    for gnss, names in _SIGNALS.items():
+    for gnss, names in SIGNALS.items():
         for sig, name in names.items():
             signal[gnss, sig] = signal_id(name)
     return sat, signal
@@ -185,12 +185,12 @@ def parse_ubx(data, *, path=""):
     epochs, rows = _measurements(buffer, offset, length, kind, warnings)
     if len(epochs["time_ns"]) == 0:
         found = [_NAMES.get(k, f"{k >> 8:02X}-{k & 255:02X}") for k in np.unique(kind).tolist()]
-        if _RAWX in kind or _RAW in kind:
+        if RXM_RAWX in kind or RXM_RAW in kind:
             raise FormatError(
                 "the raw measurements of this log have no valid time: the receiver never had a position; "
                 "record longer, with the antenna under open sky",
                 path=place,
-                byte_offset=int(offset[(kind == _RAWX) | (kind == _RAW)][0]),
+                byte_offset=int(offset[(kind == RXM_RAWX) | (kind == RXM_RAW)][0]),
             )
         raise FormatError(
             f"the log holds {len(offset)} UBX messages ({', '.join(found[:8])}"
@@ -199,7 +199,7 @@ def parse_ubx(data, *, path=""):
             byte_offset=len(buffer),
         )
     navigation = _navigation(buffer, offset, length, kind, epochs, str(path))
-    if _SFRBX not in kind:
+    if RXM_SFRBX not in kind:
         warnings.append(
             "the log holds no UBX-RXM-SFRBX, so no ephemerides; give a navigation file or enable the message"
         )
@@ -297,12 +297,12 @@ def _records(buffer, offset, dtype):
 
 def _measurements(buffer, offset, length, kind, warnings):
     """Epochs and rows of all measurement messages in file order; rows name their epoch by index."""
-    chosen = (kind == _RAWX) & (length >= _EPOCH.itemsize)
+    chosen = (kind == RXM_RAWX) & (length >= _EPOCH.itemsize)
     old = False
     if not np.any(chosen):
-        chosen = (kind == _RAW) & (length >= _OLD_EPOCH.itemsize)
+        chosen = (kind == RXM_RAW) & (length >= _OLD_EPOCH.itemsize)
         old = bool(np.any(chosen))
-    epoch_dtype, row_dtype = (_OLD_EPOCH, _OLD_MEASUREMENT) if old else (_EPOCH, _MEASUREMENT)
+    epoch_dtype, row_dtype = (_OLD_EPOCH, _OLD_MEASUREMENT) if old else (_EPOCH, MEASUREMENT)
     at = offset[chosen]
     head = _records(buffer, at + 6, epoch_dtype)
     tow_s = head["tow_ms"] / 1000.0 if old else head["tow"]
@@ -367,7 +367,7 @@ def _old_rows(record):
     # Quality 4: code and Doppler; 6 and 7: phase too (u-blox 6 protocol specification, RXM-RAW).
     track = np.where(record["quality"] >= 4, _CODE_VALID, 0)
     track |= np.where(record["quality"] >= 6, _PHASE_VALID, 0)
-    modern = np.zeros(len(record), dtype=_MEASUREMENT)
+    modern = np.zeros(len(record), dtype=MEASUREMENT)
     for name in ("code", "phase", "doppler", "sv"):
         modern[name] = record[name]
     modern["gnss"] = gnss
@@ -455,7 +455,7 @@ def _last_leap(epochs):
 
 def _navigation(buffer, offset, length, kind, epochs, path):
     """Feed all navigation bits of the log to the decoder, each with the time of the epoch before it."""
-    chosen = (kind == _SFRBX) & (length >= 8)
+    chosen = (kind == RXM_SFRBX) & (length >= 8)
     decoder = BroadcastDecoder()
     at, size = offset[chosen], length[chosen]
     index = np.maximum(np.searchsorted(epochs["offset"], at) - 1, 0)
@@ -561,19 +561,19 @@ def crc24q(value):
 
 def _position(buffer, offset, length, kind):
     """Median of the receiver's own positions, ECEF metres; None where the log has none."""
-    at = offset[(kind == _NAV_SOL) & (length >= 52)] + 6
+    at = offset[(kind == NAV_SOL) & (length >= 52)] + 6
     if len(at):
         fix = _records(buffer, at + 10, np.dtype([("fix", "u1"), ("flags", "u1"), ("ecef_cm", "<i4", 3)]))
         position_m = fix["ecef_cm"][(fix["fix"] == 3) | (fix["fix"] == 4)] / 100.0
         if len(position_m):
             return tuple(np.median(position_m, axis=0).tolist())
-    at = offset[(kind == _NAV_POSECEF) & (length >= 20)] + 6
+    at = offset[(kind == NAV_POSECEF) & (length >= 20)] + 6
     if len(at):
         position_m = _records(buffer, at + 4, np.dtype([("ecef_cm", "<i4", 3)]))["ecef_cm"] / 100.0
         position_m = position_m[np.linalg.norm(position_m, axis=1) > 6e6]
         if len(position_m):
             return tuple(np.median(position_m, axis=0).tolist())
-    at = offset[(kind == _NAV_PVT) & (length >= 84)] + 6
+    at = offset[(kind == NAV_PVT) & (length >= 84)] + 6
     fix_type = buffer[at + 20]
     at = at[(fix_type == 3) | (fix_type == 4)]
     if len(at):
@@ -587,7 +587,7 @@ def _position(buffer, offset, length, kind):
 
 def _receiver(buffer, offset, length, kind):
     """Type and firmware from the last MON-VER."""
-    chosen = np.flatnonzero((kind == _MON_VER) & (length >= 40))
+    chosen = np.flatnonzero((kind == MON_VER) & (length >= 40))
     if len(chosen) == 0:
         return "", ""
     begin = int(offset[chosen[-1]]) + 6
