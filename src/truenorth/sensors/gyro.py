@@ -31,6 +31,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import ModelError
+from ..rotations import body_rate_from_euler_rates, rot_ned_from_body
 from ..sensor_log import SensorLog
 from .checks import refuse, require, require_not_negative, require_table
 from .kinematics import Mover, angle_integrals
@@ -298,8 +299,7 @@ def heading_rate(
     ndarray, shape (n,)
         Rate of the heading against true north, rad/s; NaN where the axis does not feel it.
     """
-    a = np.array([0.0, 0.0, 1.0]) if axis_body is None else np.asarray(axis_body, dtype=float)
-    sp, cp, sr, cr = np.sin(pitch_rad), np.cos(pitch_rad), np.sin(roll_rad), np.cos(roll_rad)
+    axis = np.array([0.0, 0.0, 1.0]) if axis_body is None else np.asarray(axis_body, dtype=float)
     rate = np.asarray(rate_radps, dtype=float)
     if frame_rate_ned_radps is not None:
         if heading_rad is None:
@@ -307,16 +307,9 @@ def heading_rate(
                 "could not subtract the rate of the Earth from a gyro: no heading was given; give "
                 "`heading_rad` with `frame_rate_ned_radps`"
             )
-        north, east, down = np.moveaxis(np.asarray(frame_rate_ned_radps, dtype=float), -1, 0)
-        ahead = north * np.cos(heading_rad) + east * np.sin(heading_rad)
-        right = east * np.cos(heading_rad) - north * np.sin(heading_rad)
-        # R_x(roll)^T R_y(pitch)^T (ahead, right, down)
-        tilted = ahead * sp + down * cp
-        rate = rate - (
-            a[0] * (ahead * cp - down * sp)
-            + a[1] * (right * cr + tilted * sr)
-            + a[2] * (tilted * cr - right * sr)
-        )
-    rate = rate - pitch_rate_radps * (a[1] * cr - a[2] * sr) - roll_rate_radps * a[0]
-    felt = -a[0] * sp + cp * (a[1] * sr + a[2] * cr)
+        axis_ned = rot_ned_from_body(heading_rad, pitch_rad, roll_rad) @ axis
+        rate = rate - np.sum(axis_ned * frame_rate_ned_radps, axis=-1)
+    still = body_rate_from_euler_rates(pitch_rad, roll_rad, 0.0, pitch_rate_radps, roll_rate_radps)
+    turning = body_rate_from_euler_rates(pitch_rad, roll_rad, 1.0, 0.0, 0.0)
+    rate, felt = rate - still @ axis, turning @ axis
     return np.where(np.abs(felt) > 1e-6, rate / np.where(felt == 0.0, 1.0, felt), np.nan)

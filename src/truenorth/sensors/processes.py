@@ -20,6 +20,9 @@ random walk           ``K^2 tau / 3``
 quantised angles      ``3 Q^2 / tau^2`` (``Q`` = step / sqrt(12))
 ====================  =====================================================================
 
+They are those of the process averaged without a gap; averages of a few samples, each taken at a point, are
+up to ``1 + 1 / (2 m^2)`` times as variable where the process is a walk within their time.
+
 References
 ----------
 IEEE Std 952-1997, annex C (the Allan variances).
