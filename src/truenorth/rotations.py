@@ -123,11 +123,14 @@ def body_rate_from_euler_rates(
     """
     sp, cp = np.sin(pitch_rad), np.cos(pitch_rad)
     sr, cr = np.sin(roll_rad), np.cos(roll_rad)
+    heading_rate, pitch_rate, roll_rate = (
+        np.asarray(rate, dtype=float) for rate in (heading_rate_radps, pitch_rate_radps, roll_rate_radps)
+    )
     return np.stack(
         np.broadcast_arrays(
-            roll_rate_radps - heading_rate_radps * sp,
-            pitch_rate_radps * cr + heading_rate_radps * cp * sr,
-            heading_rate_radps * cp * cr - pitch_rate_radps * sr,
+            roll_rate - heading_rate * sp,
+            pitch_rate * cr + heading_rate * cp * sr,
+            heading_rate * cp * cr - pitch_rate * sr,
         ),
         axis=-1,
     )
@@ -250,10 +253,10 @@ def rot_from_quaternion(quaternion: ArrayLike) -> np.ndarray:
     ndarray, shape (..., 3, 3)
         Rotation matrices.
     """
-    quaternion = np.asarray(quaternion, dtype=float)
-    quaternion = quaternion / np.sqrt(np.sum(quaternion * quaternion, axis=-1, keepdims=True))
-    cross = skew(quaternion[..., 1:])
-    return np.eye(3) + 2.0 * (quaternion[..., 0, None, None] * cross + cross @ cross)
+    unit = np.asarray(quaternion, dtype=float)
+    unit = unit / np.sqrt(np.sum(unit * unit, axis=-1, keepdims=True))
+    cross = skew(unit[..., 1:])
+    return np.eye(3) + 2.0 * (unit[..., 0, None, None] * cross + cross @ cross)
 
 
 def quaternion_multiply(first: ArrayLike, second: ArrayLike) -> np.ndarray:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import msgspec
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import ConfigError
 from .kinematics import LocalPlane
@@ -48,7 +49,7 @@ def require_not_negative(section: object, *keys: str) -> None:
             raise ConfigError(f"`{key}` is {value!r}; give 0 or more", key=key, value=value)
 
 
-def require_open_turns(key: str, corners_m: Sequence[Sequence[float]], *, closed: bool) -> None:
+def require_open_turns(key: str, corners_m: ArrayLike, *, closed: bool) -> None:
     """Refuse corners that coincide, or at which the route turns back on itself."""
     corners = np.asarray(corners_m, dtype=float)
     sides = np.diff(np.concatenate([corners, corners[:1]]) if closed else corners, axis=0)

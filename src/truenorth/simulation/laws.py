@@ -21,9 +21,13 @@ de Boor, C., A Practical Guide to Splines (1978), ch. IX to XI.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 __all__ = ["Law", "SplineLaw", "UniformLaw", "fastest_times", "sample_passage", "uniform_spline"]
 
@@ -31,7 +35,7 @@ PAD_S = 10.0
 """How far laws reach before the start and after the end."""
 
 
-def uniform_spline(start, step, controls):
+def uniform_spline(start: float, step: float, controls: np.ndarray) -> BSpline:
     """Quintic B-spline with even knots whose control points belong to the instants start + k step.
 
     Parameters
@@ -103,15 +107,15 @@ class SplineLaw:
 
     @classmethod
     def from_rates(
-        cls, instants_s: Sequence[float], rates: Sequence[float], *, duration_s: float, ramp_s: float
+        cls, instants_s: ArrayLike, rates: ArrayLike, *, duration_s: float, ramp_s: float
     ) -> SplineLaw:
         """Integral of rates that hold from one instant to the next; the first holds before as well.
 
         Parameters
         ----------
-        instants_s : sequence of float
+        instants_s : ndarray, shape (k,)
             When each rate begins, ascending.
-        rates : sequence of float
+        rates : ndarray, shape (k,)
             Rates.
         duration_s : float
             Until when the law is needed.
@@ -126,6 +130,7 @@ class SplineLaw:
         # The kernel's central 95 % are 2 * 1.96 * 0.7 steps.
         step = ramp_s / 2.8
         times = np.arange(-2, np.ceil(duration_s / step) + 3) * step
+        instants_s = np.asarray(instants_s, dtype=float)
         first, last = min(times[0], instants_s[0]) - 1.0, max(times[-1], instants_s[-1]) + 1.0
         edges = np.concatenate([[first], instants_s[1:], [last]])
         total = np.concatenate([[0.0], np.cumsum(np.diff(edges) * rates)])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import gzip
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -16,6 +17,9 @@ import numpy as np
 from ..errors import ConfigError, FormatError
 from ..frames import ecef_from_geodetic
 from .kinematics import Attitude, Motion, motion_of, place_from_ecef
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicHermiteSpline
 
 __all__ = ["TableMotion", "TableTrajectory", "read_motion_table"]
 
@@ -107,7 +111,7 @@ class TableTrajectory:
         self._splines = [spline, spline.derivative(), spline.derivative(2)]
         self._distance, self._knot_course = self._survey(times)
 
-    def _survey(self, times):
+    def _survey(self, times: np.ndarray) -> tuple[CubicHermiteSpline, tuple[np.ndarray, np.ndarray]]:
         """Distance along the way as a spline, and the course of the last movement at each row."""
         from scipy.interpolate import CubicHermiteSpline
 
@@ -123,7 +127,7 @@ class TableTrajectory:
         held = np.where(moving >= 0, course[moving], heading)
         return spline, (times, held)
 
-    def _ground_velocity(self, time_s):
+    def _ground_velocity(self, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Horizontal speed and course."""
         value, first, second = (spline(time_s)[:, :3] for spline in self._splines)
         place = place_from_ecef(self._origin + value, first, second)
@@ -155,7 +159,7 @@ STILL_MPS = 0.02
 """Below it the direction of a tabulated velocity is that of the rounding."""
 
 
-def _continuation(time_s, rows, end):
+def _continuation(time_s: np.ndarray, rows: np.ndarray, end: int) -> tuple[np.ndarray, np.ndarray]:
     """Rows beyond the first (end 0) or last (-1) one: the rate goes on, its change fades in a second."""
     # Of a cubic through some rows, because those of the spline at its end have the rounding of the rows.
     origin = time_s[end]

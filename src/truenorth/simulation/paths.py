@@ -8,11 +8,14 @@ speed (to 1e-6) and a distance a distance.
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from .laws import uniform_spline
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 __all__ = ["CirclePath", "FlatProfile", "Path", "Profile", "SplinePath", "SplineProfile", "rounded_polyline"]
 
@@ -75,7 +78,7 @@ class SplinePath:
         Finest detail, the distance of the knots.
     """
 
-    def __init__(self, spline, length_m: float, closed: bool, step_m: float) -> None:
+    def __init__(self, spline: BSpline, length_m: float, closed: bool, step_m: float) -> None:
         self._splines = [spline, *(spline.derivative(order) for order in (1, 2, 3))]
         self.length_m, self.closed, self.step_m = float(length_m), closed, float(step_m)
 
@@ -110,7 +113,7 @@ class SplinePath:
         return cls.by_length(curve, end, closed=closed, n_knots=2 * n)
 
     @classmethod
-    def by_length(cls, curve, end: float, *, closed: bool, n_knots: int) -> SplinePath:
+    def by_length(cls, curve: BSpline, end: float, *, closed: bool, n_knots: int) -> SplinePath:
         """Path of a curve with any parameter from 0 to ``end``.
 
         Parameters

@@ -28,7 +28,9 @@ from .kinematics import Attitude, LocalPlane, Motion, motion_of
 from .laws import Law
 from .paths import CirclePath, FlatProfile, Path, Profile, SplinePath
 
-__all__ = ["BodySection", "Disturbance", "RouteTrajectory", "Sinusoids", "road_unevenness"]
+__all__ = ["BodySection", "Component", "Disturbance", "RouteTrajectory", "Sinusoids", "road_unevenness"]
+
+Component = Literal["heave", "roll", "pitch", "yaw"]
 
 STANDARD_GRAVITY_MPS2 = 9.80665
 REFERENCE_SPEED_MPS = 50.0 / 3.6
@@ -101,7 +103,7 @@ class Disturbance:
         The sum.
     """
 
-    component: Literal["heave", "roll", "pitch", "yaw"]
+    component: Component
     by: Literal["time", "way"]
     shape: Sinusoids
 
@@ -126,7 +128,8 @@ def road_unevenness(acceleration_rms_mps2: float, rng: np.random.Generator) -> t
         return ()
     n = 20
     out = []
-    for component, gain in (("heave", 1.0), ("pitch", 2.0 / 2.7), ("roll", 2.0 / 1.5)):
+    gains: dict[Component, float] = {"heave": 1.0, "pitch": 2.0 / 2.7, "roll": 2.0 / 1.5}
+    for component, gain in gains.items():
         hertz = np.linspace(0.7, 10.0, n + 1)
         rate = 2.0 * np.pi * rng.uniform(hertz[:-1], hertz[1:])
         amplitude = gain * acceleration_rms_mps2 * np.sqrt(2.0 / n) / rate**2

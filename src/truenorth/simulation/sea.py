@@ -31,7 +31,7 @@ from .drives import require_open_turns, require_positive, street_path
 from .kinematics import LocalPlane
 from .laws import PAD_S, UniformLaw
 from .randomness import stream
-from .routes import Disturbance, RouteTrajectory, Sinusoids
+from .routes import Component, Disturbance, RouteTrajectory, Sinusoids
 
 __all__ = ["Oscillation", "ShipLeg", "ShipMotion", "ship_trajectory", "wave_sinusoids"]
 
@@ -175,6 +175,7 @@ def ship_trajectory(section: ShipMotion, plane: LocalPlane, duration_s: float, s
     corners[0] -= lead * first
     path, _ = street_path(corners, section.turn_radius_m, closed=False)
     degree = np.pi / 180.0
+    components: tuple[Component, ...] = ("roll", "pitch", "yaw", "heave")
     waves = tuple(
         Disturbance(
             component,
@@ -185,7 +186,7 @@ def ship_trajectory(section: ShipMotion, plane: LocalPlane, duration_s: float, s
                 stream(seed, "motion", "waves", component),
             ),
         )
-        for component in ("roll", "pitch", "yaw", "heave")
+        for component in components
     )
     return RouteTrajectory(
         plane, path, UniformLaw(section.speed_mps, lead), disturbances=waves, origin_m=lead

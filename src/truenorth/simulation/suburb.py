@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import ConfigError
 from .drives import drive_law, height_profile, require_not_negative, require_positive, street_path
 from .kinematics import LocalPlane
+from .laws import Law
 from .paths import SplinePath
 from .randomness import stream
 from .routes import BodySection, RouteTrajectory, Sinusoids, road_unevenness
@@ -230,7 +231,7 @@ def suburban_trajectory(
         return limits_mps[side] * (0.95 + 0.05 * habit.derivatives(way)[0])
 
     laps = 2 + int((duration_s + 60.0) * np.max(limits_mps) / path.length_m)
-    stops = []
+    stops: list[tuple[float, float]] = []
     for lap in range(laps):
         rng = stream(seed, "motion", "stops", lap)
         halted = rng.random(len(corner_way) - 1) < section.stop_share
@@ -238,7 +239,7 @@ def suburban_trajectory(
         where = lap * path.length_m + corner_way[1:] - STOP_LINE_M
         stops.extend(zip(where[halted], lengths[halted], strict=True))
 
-    def plan(stops):
+    def plan(stops: list[tuple[float, float]]) -> tuple[Law, np.ndarray, np.ndarray]:
         return drive_law(
             path,
             laps,
