@@ -43,8 +43,8 @@ def test_the_logs_alone_give_the_baseline(tmp_path, pair, expected, ranges):
         np.degrees(solution.azimuth_rad - expected.azimuth_rad),
         np.degrees(solution.elevation_rad - expected.elevation_rad),
     )
-    # Plain ranges lose nothing but digits of Doppler and C/N0. Compressed ones round the phase to 0.74 mm, and
-    # the C/N0, which the weights come from, to 1 dB and to 20 dB-Hz or more (a seventh of the L2 signals have
-    # less). 0.4 mm across 0.99 m are 0.02 degrees, in elevation a few times that; one epoch has a noise of 0.12.
+    # Plain ranges lose nothing but digits of Doppler and C/N0. Compressed ones round the phase to 0.74 mm,
+    # and the C/N0, which the weights come from, to 1 dB and to 20 dB-Hz or more (a seventh of the L2 signals
+    # have less). 0.4 mm across 0.99 m are 0.02 degrees, in elevation a few times that; the noise is 0.12.
     assert np.max(off) < (1e-4 if ranges == "RGEB" else 0.10)
     assert np.sqrt(np.mean(off**2)) < (1e-4 if ranges == "RGEB" else 0.04)

@@ -314,5 +314,5 @@ def test_refusals():
         encode_oem3(observations(1, (3,), doppler_hz=np.array([1e6])))
     nav = navigation((0,))
     nav.kepler.elements[0, KEPLER_COLUMNS.index("eccentricity")] = 0.9
-    with pytest.raises(FormatError, match="`eccentricity` of G01"):
+    with pytest.raises(FormatError, match="an ephemeris of G01 does not fit"):
         encode_oem3(observations(), nav)

@@ -45,6 +45,7 @@ __all__ = [
     "insert",
     "is_geostationary",
     "ionosphere_words",
+    "lnav_subframes",
     "lnav_words",
     "navigation_words",
     "own_frame_offset_ns",
@@ -351,7 +352,7 @@ def navigation_words(navigation, table, row, start_ns):
     system, message = int(eph.sat[row]) // 100, MessageType(int(eph.message[row]))
     values = dict(zip(KEPLER_COLUMNS, eph.elements[row].tolist(), strict=True))
     if system in (GPS, QZSS) and message == MessageType.LNAV:
-        return _lnav(eph, row, values, start_ns)
+        return tuple(lnav_words(subframe) for subframe in lnav_subframes(eph, row, start_ns))
     if system == GALILEO and message == MessageType.INAV:
         return _inav(navigation, row, values, start_ns)
     if system == GALILEO and message == MessageType.FNAV:
@@ -370,9 +371,31 @@ def _lnav_head(frames, start_ns):
         insert(frames, _at(number, 43, 3), bits.LNAV_BITS, number)
 
 
-def _lnav(eph, row, values, start_ns):
+def lnav_subframes(eph, row, start_ns):
+    """Subframes 1 to 3 of a GPS or QZSS ephemeris, without parity.
+
+    Parameters
+    ----------
+    eph : KeplerEphemerides
+        Where the ephemeris is.
+    row : int
+        Which row.
+    start_ns : int
+        GPS time at which subframe 1 begins, a multiple of 6 s.
+
+    Returns
+    -------
+    tuple of int
+        `navigation_bits.LNAV_BITS` bits each.
+
+    Raises
+    ------
+    ValueError
+        If a value of the ephemeris has no room in the message.
+    """
     sat, iode = int(eph.sat[row]), int(eph.iode[row]) & 0xFF
     usual_fit_s = 7_200.0 if sat // 100 == QZSS else 14_400.0
+    values = dict(zip(KEPLER_COLUMNS, eph.elements[row].tolist(), strict=True))
     values |= {
         "week": start_ns // NS_PER_WEEK % 1024,
         "ura_index": _ura_index(values["ura_m"]),
@@ -388,7 +411,7 @@ def _lnav(eph, row, values, start_ns):
     _lnav_head(frames, start_ns)
     insert(frames, _at(1, 58, 2), bits.LNAV_BITS, 1)  # P code on L2
     _insert_all(frames, bits.LNAV_FIELDS, bits.LNAV_BITS, values)
-    return tuple(lnav_words(frames[k]) for k in (1, 2, 3))
+    return tuple(frames[k] for k in (1, 2, 3))
 
 
 def ionosphere_words(klobuchar, start_ns):

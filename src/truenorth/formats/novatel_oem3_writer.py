@@ -6,8 +6,9 @@ The layout of the messages is in `truenorth.formats.novatel_oem3`. What is lost:
     quantity                RGED                               RGEB
     ======================  =================================  ====================================
     pseudorange             1/128 m (error up to 3.9 mm)       none
-    carrier phase           1/256 cycle (0.37 mm on L1) and    none
-                            whole multiples of 2^23 cycles
+    carrier phase           1/256 cycle (error up to 0.37 mm   none
+                            on L1), and multiples of 2^23
+                            cycles
     Doppler                 1/256 Hz                           float32 (0.25 mHz at 4 kHz)
     C/N0                    1 dB-Hz, limited to 20 to 51       float32
     lock time               1/32 s, modulo 65536 s             float32
@@ -36,10 +37,11 @@ import numpy as np
 
 from ..constants import GPS
 from ..errors import FormatError
-from ..navigation import KEPLER_COLUMNS, MessageType
+from ..navigation import MessageType
 from ..observations import LLI_HALF_CYCLE, LLI_SLIP, signal_id
 from ..timescales import NS_PER_S, NS_PER_WEEK, format_gpst
-from .navigation_bits import LNAV_BITS, LNAV_FIELDS
+from .navigation_bits import LNAV_BITS
+from .navigation_frames import lnav_subframes
 from .novatel_oem3 import (
     CODE_LOCK,
     HEADER_BYTES,
@@ -67,8 +69,6 @@ _CHIP_M = 293.05
 _CODE_SD_LIMITS_M = (
     0.050, 0.075, 0.113, 0.169, 0.253, 0.380, 0.570, 0.854, 1.281, 2.375, 4.75, 9.5, 19.0, 38.0, 76.0,
 )  # fmt: skip
-_WHOLE_CIRCLE = ("m0_rad", "omega0_rad", "i0_rad", "omega_rad")
-_URA_M = (2.0, 2.8, 4.0, 5.7, 8.0, 11.3, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, 1024.0, 2048.0, 4096.0)
 
 
 def write_oem3(path, observations, navigation=None, *, ranges="RGED"):
@@ -280,47 +280,15 @@ def _ephemeris_messages(navigation):
     chosen = chosen[np.argsort(kepler.transmission_ns[chosen], kind="stable")]
     messages = []
     for k in chosen.tolist():
-        subframes = b"".join(bits.to_bytes(LNAV_BITS // 8, "big") for bits in _subframes(kepler, k))
-        prn = int(kepler.sat[k]) - 100 * GPS
-        messages.append(
-            (int(kepler.transmission_ns[k]), _message(REPB, prn.to_bytes(4, "little") + subframes + bytes(2)))
-        )
-    return messages
-
-
-def _subframes(kepler, k):
-    """LNAV subframes 1 to 3 of one ephemeris, parity removed."""
-    value = dict(zip(KEPLER_COLUMNS, kepler.elements[k].tolist(), strict=True))
-    iode = int(kepler.iode[k]) & 0xFF
-    # The count of the hand-over word is the time of the next subframe; the week that of this one.
-    count = int(kepler.transmission_ns[k]) // (6 * NS_PER_S)
-    value |= {
-        "week": (count - 1) * 6 * NS_PER_S // NS_PER_WEEK % 1024,
-        "iode": iode,
-        "iode3": iode,
-        "iodc": int(kepler.iodc[k]) & 0x300 | iode,  # a user joins subframes by equal issues
-        "health": int(kepler.health[k]) & 0x3F,
-        "toe_s": int(kepler.toe_ns[k]) % NS_PER_WEEK / NS_PER_S,
-        "toc_s": int(kepler.toc_ns[k]) % NS_PER_WEEK / NS_PER_S,
-        "fit_flag": int(value["fit_interval_s"] > 14_400.0),
-        "ura_index": next((i for i, ura_m in enumerate(_URA_M) if value["ura_m"] <= ura_m + 0.05), 15),
-    }
-    for name in _WHOLE_CIRCLE:
-        value[name] = (value[name] + np.pi) % (2.0 * np.pi) - np.pi
-    frames = {n: 0x8B << 232 | (count + n - 1) % 100_800 << 199 | n << 194 for n in (1, 2, 3)}
-    for name, field in LNAV_FIELDS.items():
-        width = sum(length for _, _, length in field.runs)
-        number = round(value[name] / field.scale)
-        if name in _WHOLE_CIRCLE and number == 1 << (width - 1):
-            number = -number  # rounded up to half a turn
-        low, high = (-(1 << (width - 1)), 1 << (width - 1)) if field.kind == "s" else (0, 1 << width)
-        if not low <= number < high:
+        sent_ns, number = int(kepler.transmission_ns[k]), int(kepler.sat[k]) - 100 * GPS
+        try:
+            # The time of transmission is that in the hand-over word of subframe 1: the start of subframe 2.
+            subframes = lnav_subframes(kepler, k, sent_ns - 6 * NS_PER_S)
+        except ValueError as error:
             raise FormatError(
-                f"`{name}` of G{int(kepler.sat[k]):02d} is {value[name]:g} and does not fit into the "
-                "broadcast message; leave this ephemeris out"
-            )
-        number &= (1 << width) - 1
-        for frame, first, length in reversed(field.runs):
-            frames[frame] |= (number & ((1 << length) - 1)) << (LNAV_BITS - first - length)
-            number >>= length
-    return [frames[n] for n in (1, 2, 3)]
+                f"an ephemeris of G{number:02d} does not fit into the broadcast message ({error}); leave it "
+                "out"
+            ) from None
+        data = b"".join(bits.to_bytes(LNAV_BITS // 8, "big") for bits in subframes)
+        messages.append((sent_ns, _message(REPB, number.to_bytes(4, "little") + data + bytes(2))))
+    return messages
