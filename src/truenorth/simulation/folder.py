@@ -291,16 +291,31 @@ def _slip_columns(slips):
 
 def _write_sensors(simulator, folder):
     """Sensor logs as tables with their truth, and in the format of the instrument where there is one."""
-    from ..formats import write_native_sensor_log, write_sensor_table
+    from ..formats import write_sensor_table
 
-    paths = {}
-    for name, log in simulator.sensors().items():
+    paths: dict[str, list[Path]] = {}
+    logs = simulator.sensors()
+    for name, log in logs.items():
         path = folder / "sensors" / f"{name}.csv"
         path.parent.mkdir(exist_ok=True)
         write_sensor_table(path, log)
-        written = [path]
-        if simulator.scenario.output.native_sensors:
-            native = write_native_sensor_log(path.with_suffix(""), log)
-            written += [native] if native is not None else []
-        paths[name] = tuple(written)
-    return paths
+        paths[name] = [path]
+    if simulator.scenario.output.native_sensors:
+        _write_native(logs, paths)
+    return {name: tuple(written) for name, written in paths.items()}
+
+
+def _write_native(logs, paths):
+    """What gyro and compass module send over their serial lines; the module has the tilt meter in it."""
+    from ..formats import write_fog_packets, write_tcm2
+
+    if "gyro" in logs:
+        paths["gyro"].append(paths["gyro"][0].with_suffix(".fog"))
+        write_fog_packets(paths["gyro"][-1], logs["gyro"])
+    module = [name for name in ("compass", "tilt") if name in logs]
+    if module:
+        path = paths[module[0]][0].with_suffix(".tcm2")
+        tilt = logs["tilt"] if len(module) == 2 else None
+        write_tcm2(path, logs[module[0]], tilt=tilt)
+        for name in module:
+            paths[name].append(path)

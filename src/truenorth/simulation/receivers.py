@@ -273,9 +273,10 @@ class ReceiverClock:
         dt = np.diff(time_s, prepend=first)
         white = self._section.white_frequency * np.sqrt(dt) * draws[:, 0]
         walk = self._section.random_walk_frequency * np.sqrt(dt) * draws[:, 1]
-        drift = self._drift_sps + np.cumsum(walk)
-        before = np.concatenate(([self._drift_sps], drift[:-1]))
-        offset = self._offset_s + np.cumsum(before * dt + white)
+        # Summed from the carried value on, so that the blocks leave no trace in the last digit.
+        drift = np.cumsum(np.concatenate(([self._drift_sps], walk)))
+        before, drift = drift[:-1], drift[1:]
+        offset = np.cumsum(np.concatenate(([self._offset_s], before * dt + white)))[1:]
         self._time_s, self._offset_s, self._drift_sps = time_s[-1], offset[-1], drift[-1]
         # The unwrapped clock is carried; jumps are what the receiver takes off it.
         jump = self._section.jump_s
