@@ -8,8 +8,11 @@ import textwrap
 
 import numpy as np
 
+from ..attitude.array_solution import AttitudeSolution
+from ..attitude.solution import BaselineSolution
 from ..constants import SYSTEM_NAMES, SYSTEMS
 from ..errors import Status
+from ..evaluation import Comparison
 from ..observations import sat_name
 from ..timescales import format_gpst, gpst_to_datetime64
 from .style import (
@@ -26,12 +29,17 @@ from .style import (
 
 __all__ = [
     "figure_page",
+    "new_axes",
+    "plot_azimuth",
     "plot_elevation",
     "plot_heading",
     "plot_length_residual",
     "plot_residuals",
     "plot_satellites_dop",
+    "plot_series",
     "plot_sky",
+    "status_handles",
+    "time_axis",
 ]
 
 _MAX_POINTS = 60_000
@@ -54,9 +62,16 @@ def plot_heading(solution, *, ax=None):
         Degrees; the line is broken where the azimuth passes north on a whole circle, and where
         there is no solution.
     """
-    ax = _axes(ax)
-    azimuth_deg, is_whole_circle = azimuth_for_plot(solution)
-    _plot_series(ax, solution, azimuth_deg, np.degrees(solution.azimuth_sd_rad), jump=180.0)
+    ax = new_axes(ax)
+    plot_azimuth(ax, solution, solution.azimuth_rad, solution.azimuth_sd_rad)
+    ax.set_ylabel("azimuth, deg")
+    return ax
+
+
+def plot_azimuth(ax, solution, azimuth_rad, sd_rad):
+    """Draw an angle of the whole circle into axes, on a scale that is not broken where it need not be."""
+    azimuth_deg, is_whole_circle = azimuth_for_plot(solution, azimuth_rad)
+    plot_series(ax, solution, azimuth_deg, np.degrees(sd_rad), jump=180.0)
     if is_whole_circle:
         ax.set_ylim(0.0, 360.0)
         ax.set_yticks(np.arange(0.0, 361.0, 90.0))
@@ -64,8 +79,6 @@ def plot_heading(solution, *, ax=None):
         low, high = ax.get_ylim()
         if low < 0.0 or high > 360.0:
             ax.yaxis.set_major_formatter(lambda value, _: f"{value % 360.0:g}")
-    ax.set_ylabel("azimuth, deg")
-    return ax
 
 
 def plot_elevation(solution, *, ax=None):
@@ -83,8 +96,8 @@ def plot_elevation(solution, *, ax=None):
     matplotlib.axes.Axes
         Degrees.
     """
-    ax = _axes(ax)
-    _plot_series(ax, solution, np.degrees(solution.elevation_rad), np.degrees(solution.elevation_sd_rad))
+    ax = new_axes(ax)
+    plot_series(ax, solution, np.degrees(solution.elevation_rad), np.degrees(solution.elevation_sd_rad))
     ax.set_ylabel("elevation, deg")
     return ax
 
@@ -105,9 +118,9 @@ def plot_length_residual(solution, *, ax=None):
         Millimetres; dotted lines are three standard deviations of the declared length. Without a
         declared one, a length that varies by more than a metre is drawn itself, in metres.
     """
-    ax = _axes(ax)
+    ax = new_axes(ax)
     value, sd, label = length_for_plot(solution)
-    _plot_series(ax, solution, value, sd)
+    plot_series(ax, solution, value, sd)
     if label.endswith("mm"):
         ax.axhline(0.0, color="black", linewidth=0.8)
     if "declared" in label and solution.settings.get("length_sd_m"):
@@ -133,7 +146,7 @@ def plot_residuals(solution, *, ax=None):
     matplotlib.axes.Axes
         Millimetres; the black bar of a satellite is its root mean square.
     """
-    ax = _axes(ax)
+    ax = new_axes(ax)
     ax.set_ylabel("phase residual, mm")
     rows = accepted_rows(solution)
     sats, column = np.unique(solution.residual_sat[rows], return_inverse=True)
@@ -181,7 +194,7 @@ def plot_sky(solution, *, ax=None):
     matplotlib.projections.polar.PolarAxes
         Radius is 90 degrees less the elevation.
     """
-    ax = _axes(ax, projection="polar")
+    ax = new_axes(ax, projection="polar")
     ax.set_theta_zero_location("N")
     ax.set_theta_direction(-1)
     ax.set_rlim(0.0, 90.0)
@@ -224,7 +237,7 @@ def plot_satellites_dop(solution, *, ax=None):
     matplotlib.axes.Axes
         Satellites on the left; the dilutions have their own axis on the right.
     """
-    ax = _axes(ax)
+    ax = new_axes(ax)
     time = gpst_to_datetime64(solution.time_ns)
     ax.step(time, solution.n_sats, where="mid", color="black", linewidth=1.2, label="satellites")
     ax.set_ylim(0, max(4, int(np.max(solution.n_sats, initial=0))) * 1.35)
@@ -243,7 +256,7 @@ def plot_satellites_dop(solution, *, ax=None):
     ax.legend(
         handles, [line.get_label() for line in handles], loc="upper center", ncols=4, fontsize="x-small"
     )
-    _time_axis(ax, solution)
+    time_axis(ax, solution)
     return ax
 
 
@@ -252,14 +265,23 @@ def figure_page(solution):
 
     Parameters
     ----------
-    solution : BaselineSolution
-        Result of `truenorth.solve_baseline`.
+    solution : BaselineSolution, AttitudeSolution or Comparison
+        Of an attitude: heading, pitch, roll and what they rest on; of a comparison with a reference: the
+        errors.
 
     Returns
     -------
     matplotlib.figure.Figure
         Call its ``savefig``.
     """
+    if isinstance(solution, AttitudeSolution):
+        from .attitude_figures import attitude_figure
+
+        return attitude_figure(solution)
+    if isinstance(solution, Comparison):
+        from .comparison_figures import comparison_figure
+
+        return comparison_figure(solution)
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.0, 13.0), dpi=120, layout="constrained")
@@ -276,7 +298,7 @@ def figure_page(solution):
     plot_sky(solution, ax=figure.add_subplot(grid[4, 0], projection="polar"))
     plot_satellites_dop(solution, ax=figure.add_subplot(grid[4, 1]))
     heading.legend(
-        handles=_status_handles(solution),
+        handles=status_handles(solution),
         loc="lower center",
         bbox_to_anchor=(0.5, 1.0),
         ncols=5,
@@ -288,7 +310,7 @@ def figure_page(solution):
     return figure
 
 
-def _axes(ax, **options):
+def new_axes(ax, **options):
     """The axes given, or new ones in a figure that no global state knows."""
     if ax is not None:
         return ax
@@ -300,12 +322,27 @@ def _axes(ax, **options):
     return figure.add_subplot(**options)
 
 
-def _plot_series(ax, solution, value, sd, *, jump=np.inf):
-    """A value with its 3-sigma band over time, by status; gaps and jumps break both."""
+def plot_series(ax, solution, value, sd, *, jump=np.inf, band_about=None):
+    """Draw a value with its 3-sigma band over time, by status; gaps and jumps break both.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+        Where to draw.
+    solution : BaselineSolution, AttitudeSolution or Comparison
+        Whose epochs these are.
+    value, sd : ndarray, shape (n,)
+        What to draw and its standard deviation.
+    jump : float
+        Neighbours further apart are not joined.
+    band_about : float, optional
+        The band lies about this instead of about the values.
+    """
     time = gpst_to_datetime64(solution.time_ns)
     accepted = solution.is_accepted & np.isfinite(value)
     for piece in runs_of_epochs(solution.time_ns, np.where(accepted, value, np.nan), jump=jump):
-        band = (value[piece] - 3.0 * sd[piece], value[piece] + 3.0 * sd[piece])
+        middle = value[piece] if band_about is None else band_about
+        band = (middle - 3.0 * sd[piece], middle + 3.0 * sd[piece])
         if len(piece) == 1:
             # A band has no width here.
             ax.vlines(time[piece], *band, color=STATUS_COLORS[Status.FIXED], alpha=BAND_ALPHA, linewidth=1.5)
@@ -315,7 +352,7 @@ def _plot_series(ax, solution, value, sd, *, jump=np.inf):
     for status in (Status.FLOAT, Status.HELD, Status.FIXED):
         rows = np.flatnonzero((solution.status == status) & np.isfinite(value))
         ax.plot(time[rows], value[rows], ".", markersize=3.0, color=STATUS_COLORS[status], label=status.label)
-    _limit_to_accepted(ax, value, sd, accepted)
+    _limit_to_accepted(ax, value, sd if band_about is None else 0.0 * sd, accepted)
     absent = time[solution.status == Status.NONE]
     if len(absent):
         ax.plot(
@@ -327,7 +364,7 @@ def _plot_series(ax, solution, value, sd, *, jump=np.inf):
             label=Status.NONE.label,
         )
     ax.grid(alpha=0.3)
-    _time_axis(ax, solution)
+    time_axis(ax, solution)
 
 
 def _limit_to_accepted(ax, value, sd, accepted):
@@ -360,7 +397,8 @@ def _limit_dop(ax, solution):
     ax.set_ylim(0.0, 1.45 * np.quantile(dilutions, 0.99) if len(dilutions) else 1.0)
 
 
-def _time_axis(ax, solution):
+def time_axis(ax, solution):
+    """Label the time axis of epochs."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
     locator = AutoDateLocator(minticks=3, maxticks=8)
@@ -377,7 +415,7 @@ def _say_empty(ax, text):
     ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", color="gray")
 
 
-def _status_handles(solution):
+def status_handles(solution, *, band="3 sigma of accepted"):
     """Legend entries: every status with its count, and the band."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -385,6 +423,8 @@ def _status_handles(solution):
     handles = []
     for status in sorted(Status, reverse=True):
         count = int(np.count_nonzero(solution.status == status))
+        if count == 0 and not isinstance(solution, BaselineSolution):
+            continue  # An attitude is never float.
         marker = "|" if status == Status.NONE else "o"
         label = f"{status.label} ({count})"
         handles.append(
@@ -392,5 +432,5 @@ def _status_handles(solution):
                 [], [], linestyle="", marker=marker, markersize=5, color=STATUS_COLORS[status], label=label
             )
         )
-    handles.append(Patch(color=STATUS_COLORS[Status.FIXED], alpha=BAND_ALPHA, label="3 sigma of accepted"))
+    handles.append(Patch(color=STATUS_COLORS[Status.FIXED], alpha=BAND_ALPHA, label=band))
     return handles

@@ -40,8 +40,8 @@ def write_figure(solution, path):
 
     Parameters
     ----------
-    solution : BaselineSolution
-        Result of `truenorth.solve_baseline`.
+    solution : BaselineSolution, AttitudeSolution or Comparison
+        Result of `truenorth.solve_session`, or its comparison with a reference.
     path : str or path-like
         ``.png``, ``.pdf`` or ``.svg`` for a static page, ``.html`` for an interactive one.
 

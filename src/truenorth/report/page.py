@@ -7,8 +7,10 @@ import html
 
 import numpy as np
 
+from ..attitude.array_solution import AttitudeSolution
 from ..constants import SYSTEM_NAMES
 from ..errors import REASON_SENTENCES, Reason, Status
+from ..evaluation import Comparison
 from ..export import summarize_solution
 from ..observations import sat_name, signal_name
 from ..timescales import gpst_to_datetime64
@@ -32,7 +34,7 @@ _MAX_POINTS = 30_000
 _MAX_SVG_EPOCHS = 10_000
 """Longer runs are drawn by WebGL, of which browsers allow few canvases on a page."""
 
-_STYLE = """
+STYLE = """
 body {
   font: 15px/1.45 system-ui, sans-serif; color: #222;
   max-width: 1100px; margin: 2em auto; padding: 0 1em;
@@ -54,25 +56,38 @@ def page_html(solution):
 
     Parameters
     ----------
-    solution : BaselineSolution
-        Result of `truenorth.solve_baseline`.
+    solution : BaselineSolution, AttitudeSolution or Comparison
+        Result of `truenorth.solve_session`, or its comparison with a reference.
 
     Returns
     -------
     str
         HTML text; the plotting library is inside, so that it opens without a network.
     """
+    if isinstance(solution, AttitudeSolution):
+        from .attitude_page import attitude_html
+
+        return attitude_html(solution)
+    if isinstance(solution, Comparison):
+        from .comparison_page import comparison_html
+
+        return comparison_html(solution)
     summary = summarize_solution(solution)
     sections = [
         _verdict(summary),
         _figures(solution),
-        _provenance(solution, summary),
+        provenance_html(solution, summary),
     ]
+    return assemble_page("Direction of the baseline", caption(solution), sections)
+
+
+def assemble_page(title, subtitle, sections):
+    """Put sections of HTML under a title into one page."""
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>Direction of the baseline</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
-        f'<h1>Direction of the baseline</h1>\n<p class="caption">{html.escape(caption(solution))}</p>\n'
+        f"<title>{html.escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
+        f'<h1>{html.escape(title)}</h1>\n<p class="caption">{html.escape(subtitle)}</p>\n'
         + "\n".join(sections)
         + "\n</body>\n</html>\n"
     )
@@ -98,7 +113,7 @@ def _verdict(summary):
     for name, entry in summary["reasons"].items():
         rows.append(("Not accepted", f"{entry['epochs']} epochs, {name}: {entry['sentence']}", ""))
     rows += [("Warning", text, "bad") for text in summary["warnings"]]
-    return "<h2>Verdict</h2>\n" + _table(rows)
+    return "<h2>Verdict</h2>\n" + table_html(rows)
 
 
 def _figures(solution):
@@ -106,19 +121,12 @@ def _figures(solution):
     import plotly.graph_objects as go
 
     time = gpst_to_datetime64(solution.time_ns)
-    azimuth_deg, is_whole_circle = azimuth_for_plot(solution)
-    heading = _series(
-        go, solution, time, azimuth_deg, np.degrees(solution.azimuth_sd_rad), "azimuth, deg", wrap=True
-    )
-    if is_whole_circle:
-        heading.update_layout(yaxis={"range": [0, 360], "dtick": 90})
-    else:
-        _label_across_north(heading)
+    heading = draw_azimuth(go, solution, time, solution.azimuth_rad, solution.azimuth_sd_rad, "azimuth, deg")
     figures = [
         ("Heading", heading),
         (
             "Elevation",
-            _series(
+            draw_series(
                 go,
                 solution,
                 time,
@@ -127,11 +135,16 @@ def _figures(solution):
                 "elevation, deg",
             ),
         ),
-        ("Length", _series(go, solution, time, *length_for_plot(solution))),
+        ("Length", draw_series(go, solution, time, *length_for_plot(solution))),
         ("Phase residuals by satellite", _residuals(go, solution, time)),
         ("Sky", _sky(go, solution)),
         ("Satellites and dilution of precision", _satellites_dop(go, solution, time)),
     ]
+    return figures_html(figures)
+
+
+def figures_html(figures):
+    """Plotly figures under their titles, (title, figure) pairs; the first brings the library along."""
     parts = []
     for k, (title, figure) in enumerate(figures):
         figure.update_layout(
@@ -146,19 +159,24 @@ def _figures(solution):
     return "\n".join(parts)
 
 
-def _series(go, solution, time, value, sd, label, *, wrap=False):
-    """A value over time by status, with the 3-sigma band of the accepted epochs."""
+def draw_series(go, solution, time, value, sd, label, *, wrap=False, band_about=None):
+    """Draw a value over time by status, with the 3-sigma band of the accepted epochs.
+
+    The band lies about the values, or about `band_about` where one is given. Epochs without reason codes
+    (those of a comparison) are not explained.
+    """
     figure = go.Figure()
     scatter = go.Scatter if solution.n_epochs <= _MAX_SVG_EPOCHS else go.Scattergl
     accepted = solution.is_accepted & np.isfinite(value)
     jump = 180.0 if wrap else np.inf
-    figure.add_traces(_band(go, solution.time_ns, time, value, sd, accepted, jump))
+    middle = value if band_about is None else np.full(len(value), band_about)
+    figure.add_traces(draw_band(go, solution.time_ns, time, middle, sd, accepted, jump))
     shown = value % 360.0 if wrap else value
     for status in (Status.FLOAT, Status.HELD, Status.FIXED):
         rows = np.flatnonzero((solution.status == status) & np.isfinite(value))
         if len(rows) == 0:
             continue
-        sentences = [REASON_SENTENCES[Reason(int(code))] for code in solution.reason[rows]]
+        sentences = _sentences(solution, rows)
         figure.add_trace(
             scatter(
                 x=time[rows],
@@ -180,12 +198,12 @@ def _series(go, solution, time, value, sd, label, *, wrap=False):
                 mode="markers",
                 marker={"size": 6, "symbol": "line-ns-open", "color": STATUS_COLORS[Status.NONE]},
                 name=f"none ({len(absent)})",
-                text=[REASON_SENTENCES[Reason(int(code))] for code in solution.reason[absent]],
+                text=_sentences(solution, absent),
                 hovertemplate="%{x}<br>%{text}",
             )
         )
         figure.update_layout(yaxis2={"overlaying": "y", "range": [0, 1], "visible": False})
-    if np.any(accepted):
+    if np.any(accepted) and band_about is None:
         # As in the static figure, the accepted epochs set the scale.
         low = float(np.min((value - 3.0 * np.nan_to_num(sd))[accepted]))
         high = float(np.max((value + 3.0 * np.nan_to_num(sd))[accepted]))
@@ -195,7 +213,25 @@ def _series(go, solution, time, value, sd, label, *, wrap=False):
     return figure
 
 
-def _label_across_north(figure):
+def _sentences(solution, rows):
+    """Why epochs are what they are."""
+    if not hasattr(solution, "reason"):
+        return [""] * len(rows)
+    return [REASON_SENTENCES[Reason(int(code))] for code in solution.reason[rows]]
+
+
+def draw_azimuth(go, solution, time, azimuth_rad, sd_rad, label):
+    """Draw an angle of the whole circle over time, on a scale that is not broken where it need not be."""
+    azimuth_deg, is_whole_circle = azimuth_for_plot(solution, azimuth_rad)
+    figure = draw_series(go, solution, time, azimuth_deg, np.degrees(sd_rad), label, wrap=True)
+    if is_whole_circle:
+        figure.update_layout(yaxis={"range": [0, 360], "dtick": 90})
+    else:
+        label_across_north(figure)
+    return figure
+
+
+def label_across_north(figure):
     """Label an azimuth axis that runs below 0 or above 360 by the azimuths themselves."""
     if figure.layout.yaxis.range is None:
         return
@@ -208,8 +244,8 @@ def _label_across_north(figure):
     figure.update_layout(yaxis={"tickvals": ticks, "ticktext": [f"{tick % 360.0:g}" for tick in ticks]})
 
 
-def _band(go, time_ns, time, value, sd, accepted, jump):
-    """The 3-sigma band as closed outlines, one for each run of epochs without gap or jump."""
+def draw_band(go, time_ns, time, value, sd, accepted, jump):
+    """Make the 3-sigma band as closed outlines, one for each run of epochs without gap or jump."""
     traces = []
     red, green, blue = (int(STATUS_COLORS[Status.FIXED][k : k + 2], 16) for k in (1, 3, 5))
     color = f"rgba({red},{green},{blue},{BAND_ALPHA})"
@@ -353,8 +389,8 @@ def _satellites_dop(go, solution, time):
     return figure
 
 
-def _provenance(solution, summary):
-    """Version, inputs, settings, running time."""
+def provenance_html(solution, summary):
+    """Write version, inputs, settings, running time."""
     import json
 
     seconds = ", ".join(f"{name} {value:.2f} s" for name, value in summary["seconds"].items())
@@ -362,13 +398,14 @@ def _provenance(solution, summary):
     settings = json.dumps(solution.settings, indent=2, default=str)
     inputs = json.dumps(summary["inputs"], indent=2)
     return (
-        f"<h2>Provenance</h2>\n{_table(rows)}\n"
+        f"<h2>Provenance</h2>\n{table_html(rows)}\n"
         f"<h2>Inputs</h2>\n<pre>{html.escape(inputs)}</pre>\n"
         f"<h2>Settings</h2>\n<pre>{html.escape(settings)}</pre>"
     )
 
 
-def _table(rows):
+def table_html(rows):
+    """Write rows of (name, text, class) as a table."""
     lines = [
         f'<tr><th>{html.escape(name)}</th><td class="{style}">{html.escape(text)}</td></tr>'
         for name, text, style in rows

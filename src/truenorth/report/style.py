@@ -9,6 +9,7 @@ M. Okabe and K. Ito, "Color Universal Design", 2008.
 
 import numpy as np
 
+from ..attitude.array_solution import AttitudeSolution
 from ..errors import Status
 from ..timescales import format_gpst
 
@@ -58,11 +59,14 @@ def caption(solution):
     str
         One line.
     """
-    from ..export.rtklib_pos import input_paths
+    if isinstance(solution, AttitudeSolution):
+        source = f"{len(solution.antennas)} antennas ({', '.join(solution.antennas)}), "
+    else:
+        from ..export.rtklib_pos import input_paths
 
-    names = [name.replace("\\", "/").rsplit("/", 1)[-1] for name in input_paths(solution)[:2]]
-    rover, base = (*names, "", "")[:2]
-    source = f"{base} to {rover}, " if base and rover else ""
+        names = [name.replace("\\", "/").rsplit("/", 1)[-1] for name in input_paths(solution)[:2]]
+        rover, base = (*names, "", "")[:2]
+        source = f"{base} to {rover}, " if base and rover else ""
     if solution.n_epochs == 0:
         return f"{source}no epochs"
     share = 100.0 * np.count_nonzero(solution.is_accepted) / solution.n_epochs
@@ -75,7 +79,7 @@ def caption(solution):
     )
 
 
-def azimuth_for_plot(solution):
+def azimuth_for_plot(solution, azimuth_rad=None):
     """Azimuths in degrees on a scale that is not broken where it need not be.
 
     When all accepted azimuths lie within half a turn, they are given around their circular mean
@@ -83,8 +87,10 @@ def azimuth_for_plot(solution):
 
     Parameters
     ----------
-    solution : BaselineSolution
-        Result of `truenorth.solve_baseline`.
+    solution : BaselineSolution or AttitudeSolution
+        Result of `truenorth.solve_session`.
+    azimuth_rad : ndarray, shape (n,), optional
+        An angle of the whole circle; that of the baseline by default.
 
     Returns
     -------
@@ -92,7 +98,7 @@ def azimuth_for_plot(solution):
     is_whole_circle : bool
         Whether the scale is [0, 360).
     """
-    azimuth_deg = np.degrees(solution.azimuth_rad)
+    azimuth_deg = np.degrees(solution.azimuth_rad if azimuth_rad is None else azimuth_rad)
     good = solution.is_accepted & np.isfinite(azimuth_deg)
     if not np.any(good):
         good = np.isfinite(azimuth_deg)
