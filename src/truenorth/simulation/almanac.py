@@ -27,11 +27,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..observations import sat_id
-from ..timescales import NS_PER_DAY, NS_PER_S, gpst_from_calendar, gpst_from_utc_ns
+from ..timescales import NS_PER_DAY, NS_PER_S, gpst_from_calendar, gpst_from_utc_ns, leap_seconds
 
 __all__ = [
     "EARTH_RATE_RADPS",
     "GLONASS_CHANNELS",
+    "GM_M3PS2",
     "J2",
     "Slot",
     "greenwich_angle_rad",
@@ -119,9 +120,8 @@ def greenwich_angle_rad(time_ns):
     float
         Radians in [0, 2 pi).
     """
-    from ..timescales import leap_seconds
-
     utc_ns = time_ns - int(leap_seconds(time_ns)) * NS_PER_S
+    utc_ns = time_ns - int(leap_seconds(utc_ns)) * NS_PER_S
     days = (utc_ns - gpst_from_calendar(2000, 1, 1, 12)) / NS_PER_DAY
     t = days / 36_525.0
     turns_s = 67_310.548_41 + 8_640_184.812_866 * t + 0.093_104 * t**2 - 6.2e-6 * t**3

@@ -21,20 +21,22 @@ from .almanac import EARTH_RATE_RADPS, GLONASS_CHANNELS, nominal_slots, orbit_el
 from .randomness import stream
 
 __all__ = [
+    "FIT_S",
+    "URA_M",
     "BroadcastTruth",
     "KeplerOrbit",
     "as_written",
+    "constants_of",
+    "is_beidou_fixed",
     "kepler_rows",
+    "messages_of",
     "nominal_navigation",
     "reference_times",
 ]
 
 _INTERVAL_S = {GPS: 7200, GLONASS: 1800, GALILEO: 3600, BEIDOU: 3600, QZSS: 3600, NAVIC: 7200}
-_FIT_S = {GPS: 14_400.0, GALILEO: 28_800.0, BEIDOU: 14_400.0, QZSS: 7200.0, NAVIC: 14_400.0}
-_URA_M = {GPS: 2.0, GALILEO: 3.12, BEIDOU: 2.0, QZSS: 2.0, NAVIC: 2.0}
-_OMEGA_RADPS = {GPS: 7.292_115_146_7e-5, GALILEO: 7.292_115_146_7e-5, BEIDOU: 7.292_115e-5}
-_GM = {GALILEO: 3.986_004_418e14, BEIDOU: 3.986_004_418e14}
-_GM_GPS = 3.986_005e14
+FIT_S = {GPS: 14_400.0, GALILEO: 28_800.0, BEIDOU: 14_400.0, QZSS: 7200.0, NAVIC: 14_400.0}
+URA_M = {GPS: 2.0, GALILEO: 3.12, BEIDOU: 2.0, QZSS: 2.0, NAVIC: 2.0}
 
 # Clock bias (s) and drift, group delays (s): half-widths of what is drawn; the second is BGD E5b, TGD2.
 _CLOCK = {
@@ -84,15 +86,15 @@ class KeplerOrbit:
         """Elements of the curve at a reference time, as a message writes them."""
         system = self.sat // 100
         # The tilted frame of the BeiDou geostationary satellites is that of the Earth at each reference time.
-        later_s = 0.0 if _is_beidou_fixed(self.sat) else (toe_ns - self.reference_ns) / NS_PER_S
+        later_s = 0.0 if is_beidou_fixed(self.sat) else (toe_ns - self.reference_ns) / NS_PER_S
         el = dict(self.elements)
         argument_rate, node = el.pop("argument_rate_radps"), el.pop("node_rad")
-        omega_e = _OMEGA_RADPS.get(system, _OMEGA_RADPS[GPS])
+        gm, omega_e = constants_of(system)
         # The almanac turns the node with its own rate of the Earth; each message with that of its document.
         node_rate = el["omega_dot_radps"] + omega_e - EARTH_RATE_RADPS
         own_toe_ns = toe_ns - (BDT_OFFSET_NS if system == BEIDOU else 0)
         toe_sow = (own_toe_ns % NS_PER_WEEK) / NS_PER_S
-        mean_motion = np.sqrt(_GM.get(system, _GM_GPS) / el["sqrt_a"] ** 6)
+        mean_motion = np.sqrt(gm / el["sqrt_a"] ** 6)
         el["delta_n_radps"] = argument_rate - mean_motion
         el["m0_rad"] = _wrapped(el["m0_rad"] + argument_rate * later_s)
         el["omega0_rad"] = _wrapped(node + (node_rate - omega_e) * later_s + omega_e * toe_sow)
@@ -130,7 +132,14 @@ def as_written(navigation):
     return replace(navigation, kepler=kepler, states=states)
 
 
-def _is_beidou_fixed(sat):
+def constants_of(system):
+    """GM (m^3/s^2) and rate of the Earth (rad/s) that the system's messages mean."""
+    gm = 3.986_004_418e14 if system in (GALILEO, BEIDOU) else 3.986_005e14
+    return gm, 7.292_115e-5 if system == BEIDOU else 7.292_115_146_7e-5
+
+
+def is_beidou_fixed(sat):
+    """Whether a satellite is a geostationary one of BeiDou, which sends D2."""
     return sat // 100 == BEIDOU and (sat % 100 <= 5 or sat % 100 >= 59)
 
 
@@ -202,12 +211,13 @@ def _draw_clock(sat, seed):
     return [_rounded(value, step) for value, step in zip(draw, steps, strict=True)]
 
 
-def _messages(sat):
+def messages_of(sat):
+    """Legacy messages that a satellite sends."""
     system = sat // 100
     if system == GALILEO:
         return (MessageType.INAV, MessageType.FNAV)
     if system == BEIDOU:
-        return (MessageType.D2 if _is_beidou_fixed(sat) else MessageType.D1,)
+        return (MessageType.D2 if is_beidou_fixed(sat) else MessageType.D1,)
     return (MessageType.LNAV,)
 
 
@@ -239,8 +249,8 @@ def kepler_rows(orbit, times_ns, clock, clock_ns):
             "af1_sps": drift_sps,
             "tgd_s": delays_s[0],
             "tgd2_s": delays_s[1],
-            "ura_m": _URA_M[system],
-            "fit_interval_s": _FIT_S[system],
+            "ura_m": URA_M[system],
+            "fit_interval_s": FIT_S[system],
         }
         # Messages go out from two hours before the reference time on (GPS, NavIC), or from that time on.
         ahead_s = 7200 if system in (GPS, NAVIC) else 0
@@ -251,7 +261,7 @@ def kepler_rows(orbit, times_ns, clock, clock_ns):
         values = [elements[name] for name in KEPLER_COLUMNS]
         rows += [
             (orbit.sat, message, toe_ns, toe_ns, sent_ns, iode, iode, 0, values)
-            for message in _messages(orbit.sat)
+            for message in messages_of(orbit.sat)
         ]
     return rows
 
@@ -340,7 +350,7 @@ def nominal_navigation(section, *, start_ns, duration_s, seed):
             elements["eccentricity"] = section.gps_eccentricity * float(rng.random())
             elements["omega_rad"] = float(rng.uniform(-np.pi, np.pi))
             elements["m0_rad"] = argument - elements["omega_rad"]
-        if _is_beidou_fixed(slot.sat):
+        if is_beidou_fixed(slot.sat):
             elements = _tilted(elements)
         orbit = KeplerOrbit(slot.sat, reference_ns, elements)
         if system == GLONASS:
