@@ -15,11 +15,12 @@ import msgspec
 import numpy as np
 
 from ..config import AntennaSection, GnssSection, PlatformSection, Session
+from ..constants import GPS
 from ..errors import FormatError
 from ..navigation import Navigation
 from ..observations import sat_name, signal_name
 from ..timescales import format_gpst
-from .run import BLOCK_EPOCHS, Simulator
+from .run import BLOCK_EPOCHS, Simulator, join_blocks
 from .scenario import Scenario, read_scenario
 from .sky import FileSky
 
@@ -226,10 +227,28 @@ def _open_writer(stack, kind, folder, antenna, navigation, scenario):
 
         writer = UbxWriter(path, navigation)
     else:
-        from ..formats import Oem3Writer
-
-        writer = Oem3Writer(path, navigation)
+        writer = _Oem3File(path, navigation)
     return path, stack.enter_context(writer)
+
+
+class _Oem3File:
+    """An OEM3 log, which is written as a whole: its lock times and ephemerides go through all epochs."""
+
+    def __init__(self, path, navigation):
+        self._path, self._navigation, self._blocks = path, navigation, []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, kind, *_):
+        from ..formats import write_oem3
+
+        if kind is None and self._blocks:
+            write_oem3(self._path, join_blocks(self._blocks), self._navigation)
+
+    def write_block(self, observations):
+        """Keep the epochs; GPS alone takes little room."""
+        self._blocks.append(observations.select_rows(observations.sat // 100 == GPS))
 
 
 def _truth_columns(truth, names):

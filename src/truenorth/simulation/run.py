@@ -21,7 +21,7 @@ from .scenario import Scenario, read_scenario
 from .sky import Sky, build_sky
 from .visibility import Visibility
 
-__all__ = ["Simulation", "SimulationBlock", "Simulator", "simulate"]
+__all__ = ["Simulation", "SimulationBlock", "Simulator", "join_blocks", "simulate"]
 
 BLOCK_EPOCHS = 600
 """Epochs simulated at once; what comes out does not depend on it."""
@@ -250,7 +250,7 @@ def simulate(
             parts[name].append(one if signal_truth else replace(one, truth={}))
     return Simulation(
         scenario=simulator.scenario,
-        observations={name: _join([part.observations for part in parts[name]]) for name in names},
+        observations={name: join_blocks([part.observations for part in parts[name]]) for name in names},
         navigation=simulator.sky.navigation,
         truth=_join_tables(truths),
         signal_truth={name: _join_tables([part.truth for part in parts[name]]) for name in names},
@@ -264,8 +264,8 @@ def _join_tables(tables: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
 
 
-def _join(blocks: list[Observations]) -> Observations:
-    """One container of consecutive blocks."""
+def join_blocks(blocks: list[Observations]) -> Observations:
+    """One container of consecutive blocks of one receiver."""
     if len(blocks) == 1:
         return blocks[0]
     columns = (
