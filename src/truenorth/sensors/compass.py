@@ -321,8 +321,9 @@ def _disturbance(
     peak = compass.anomaly_sd_nt * rng.standard_normal((len(start), 3))
     total = sum_of_events(time_s, start, length, peak)
     if compass.events:
-        planned = [(event.start_s, event.duration_s, event.peak_body_nt) for event in compass.events]
-        total += sum_of_events(time_s, *zip(*planned, strict=True))
+        start_s = [event.start_s for event in compass.events]
+        duration = [event.duration_s for event in compass.events]
+        total += sum_of_events(time_s, start_s, duration, [event.peak_body_nt for event in compass.events])
     return total
 
 

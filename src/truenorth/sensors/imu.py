@@ -21,7 +21,7 @@ consumer      TDK InvenSense ICM-20948, DS-000189 rev. 1.3; biases*, instability
 industrial    SBG Systems Ellipse 2 series data sheet (repeatability*, cross-axis*, g-sensitivity*)
 tactical      Sensonor STIM300 data sheet TS1524, 10 g accelerometers
 navigation    Honeywell HG9900 brochure N61-1638 (velocity random walk after Groves 2013,
-              table 4.3; instabilities*, misalignments*)
+              sec. 4.4.3; instabilities*, misalignments*)
 ============  ==============================================================================
 
 References
@@ -156,6 +156,10 @@ GRADES: dict[str, dict[str, Any]] = {
 """Settings of each grade."""
 
 
+OF_GRADE: Any = None
+"""Left out; the grade says it before anyone can see this."""
+
+
 class ImuDescription(SampledSensor, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A ``[[sensors.imu]]`` table: a grade, and what is to differ from it.
 
@@ -167,45 +171,45 @@ class ImuDescription(SampledSensor, frozen=True, forbid_unknown_fields=True, kw_
     """Of its log; each unit aboard has its own."""
     grade: Literal["consumer", "industrial", "tactical", "navigation"] = "tactical"
     rate_hz: float = 100.0
-    output: Literal["increments", "rates"] | None = None
+    output: Literal["increments", "rates"] = OF_GRADE
     """Increments of angle and velocity, or their means over the interval: rates and specific forces."""
     position_body_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Where the unit sits: forward, right, down."""
     mount_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Heading, pitch and roll of the unit's axes in the body."""
-    gyro_bias_sd_dph: float | None = None
+    gyro_bias_sd_dph: float = OF_GRADE
     """Turn-on bias, one sigma, degrees in an hour."""
-    gyro_bias_instability_dph: float | None = None
+    gyro_bias_instability_dph: float = OF_GRADE
     """Floor of the Allan deviation."""
-    gyro_random_walk_deg_per_sqrt_h: float | None = None
+    gyro_random_walk_deg_per_sqrt_h: float = OF_GRADE
     """Angle random walk."""
-    gyro_bias_walk_dph_per_sqrt_h: float | None = None
+    gyro_bias_walk_dph_per_sqrt_h: float = OF_GRADE
     """Rate random walk."""
-    gyro_scale_sd_ppm: float | None = None
-    gyro_misalignment_sd_mrad: float | None = None
+    gyro_scale_sd_ppm: float = OF_GRADE
+    gyro_misalignment_sd_mrad: float = OF_GRADE
     """Each axis against each other one."""
-    gyro_g_sensitivity_dph_per_g: float | None = None
+    gyro_g_sensitivity_dph_per_g: float = OF_GRADE
     """Each gyro to the force along each axis, one sigma."""
-    gyro_range_dps: float | None = None
-    gyro_resolution_dps: float | None = None
+    gyro_range_dps: float = OF_GRADE
+    gyro_resolution_dps: float = OF_GRADE
     """One step of a rate; of an increment it is this times the interval. 0: continuous."""
-    accel_bias_sd_ug: float | None = None
+    accel_bias_sd_ug: float = OF_GRADE
     """Turn-on bias, one sigma, millionths of standard gravity."""
-    accel_bias_instability_ug: float | None = None
+    accel_bias_instability_ug: float = OF_GRADE
     """Floor of the Allan deviation."""
-    accel_random_walk_mps_per_sqrt_h: float | None = None
+    accel_random_walk_mps_per_sqrt_h: float = OF_GRADE
     """Velocity random walk."""
-    accel_bias_walk_ug_per_sqrt_h: float | None = None
-    accel_scale_sd_ppm: float | None = None
-    accel_misalignment_sd_mrad: float | None = None
-    accel_range_g: float | None = None
-    accel_resolution_ug: float | None = None
+    accel_bias_walk_ug_per_sqrt_h: float = OF_GRADE
+    accel_scale_sd_ppm: float = OF_GRADE
+    accel_misalignment_sd_mrad: float = OF_GRADE
+    accel_range_g: float = OF_GRADE
+    accel_resolution_ug: float = OF_GRADE
     """One step of a specific force; of an increment it is this times the interval. 0: continuous."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         for key, value in GRADES[self.grade].items():
-            if getattr(self, key) is None:
+            if getattr(self, key) is OF_GRADE:
                 msgspec.structs.force_setattr(self, key, value)
         numbers = [key for key in GRADES[self.grade] if key != "output"]
         ranges = [key for key in numbers if "_range_" in key]

@@ -31,9 +31,8 @@ M. S. Keshner, "1/f noise", Proceedings of the IEEE 70 (1982), 212-218 (sum of r
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 __all__ = [
     "flicker",
@@ -41,9 +40,11 @@ __all__ = [
     "flicker_variance",
     "gauss_markov",
     "gauss_markov_variance",
+    "poisson_events",
     "quantisation_variance",
     "random_walk",
     "random_walk_variance",
+    "sum_of_events",
     "white_variance",
 ]
 
@@ -174,7 +175,7 @@ def white_variance(tau_s: np.ndarray, density: float) -> np.ndarray:
 
 
 def gauss_markov_variance(tau_s: np.ndarray, sd: float, time_constant_s: float) -> np.ndarray:
-    """Allan variance of a Gauss-Markov process (IEEE Std 952-1997, C.1.5)."""
+    """Allan variance of a Gauss-Markov process (IEEE Std 952-1997, annex C)."""
     ratio = np.asarray(tau_s, dtype=float) / time_constant_s
     # The bracket in terms that do not cancel: 3 - 4 e^-x + e^-2x = (1 - e^-x)(3 - e^-x).
     fall = -np.expm1(-ratio)
@@ -191,17 +192,17 @@ def flicker_variance(tau_s: np.ndarray, floor: float, **limits: float) -> np.nda
 
 
 def random_walk_variance(tau_s: np.ndarray, coefficient: float) -> np.ndarray:
-    """Allan variance of a random walk (IEEE Std 952-1997, C.1.4)."""
+    """Allan variance of a random walk (IEEE Std 952-1997, annex C)."""
     return coefficient**2 * np.asarray(tau_s, dtype=float) / 3.0
 
 
 def quantisation_variance(tau_s: np.ndarray, step: float) -> np.ndarray:
-    """Allan variance of increments read from an accumulating counter (IEEE Std 952-1997, C.1.2)."""
+    """Allan variance of increments read from an accumulating counter (IEEE Std 952-1997, annex C)."""
     return step**2 / 4.0 / np.asarray(tau_s, dtype=float) ** 2
 
 
 def sum_of_events(
-    time_s: np.ndarray, start_s: Sequence[float], duration_s: Sequence[float], peak: np.ndarray
+    time_s: np.ndarray, start_s: ArrayLike, duration_s: ArrayLike, peak: ArrayLike
 ) -> np.ndarray:
     """Smooth bumps (raised cosines) that come and go, added up.
 
@@ -209,18 +210,18 @@ def sum_of_events(
     ----------
     time_s : ndarray, shape (n,)
         Rising instants.
-    start_s, duration_s : sequence of float, length m
+    start_s, duration_s : array-like, shape (m,)
         When each bump begins and how long it lasts, seconds.
-    peak : ndarray, shape (m, k)
+    peak : array-like, shape (m, k)
         Height at its middle.
 
     Returns
     -------
     ndarray, shape (n, k)
     """
-    peak = np.asarray(peak, dtype=float)
-    total = np.zeros((len(time_s), peak.shape[-1]))
-    for begin_s, length_s, height in zip(start_s, duration_s, peak, strict=True):
+    heights = np.asarray(peak, dtype=float)
+    total = np.zeros((len(time_s), heights.shape[-1]))
+    for begin_s, length_s, height in zip(np.asarray(start_s), np.asarray(duration_s), heights, strict=True):
         rows = slice(*np.searchsorted(time_s, (begin_s, begin_s + length_s)))
         phase = (time_s[rows] - begin_s) / length_s
         total[rows] += np.multiply.outer(np.sin(np.pi * phase) ** 2, height)

@@ -10,12 +10,13 @@ axis u = pitch, roll::
 The instrument adds broadband noise, far less at rest than on the road, an offset, its resolution and the end
 of its range. Without the oscillator, an acceleration ``a`` ahead reads as nose up, ``a`` to the right as
 right side up, each by ``atan(a / g)`` (Harvey 5.14); `correct_tilt` takes it off again, and
-`spline_acceleration` supplies the acceleration from velocities (Harvey, sec. 5.2: a relaxed cubic spline
+`spline_acceleration` supplies the acceleration from velocities (as Harvey does it, by a relaxed cubic spline
 through three consecutive ones).
 
 The defaults are those of the TCM2-50 in the source: resolution 0.3 deg, range 50 deg, and broadband errors
-that leave about 1.9 deg in pitch and 2.6 deg in roll after the correction. Assumed: natural frequency and
-damping, chosen so that the error falls to the noise in 0.3 s as the source's autocorrelation does.
+that leave 1.9 deg in pitch and 2.6 deg in roll after the correction, on a drive of which a third is at
+rest. Assumed: natural frequency and damping, chosen so that the error falls to the noise in 0.3 s as the
+source's autocorrelation does.
 
 References
 ----------
@@ -60,7 +61,7 @@ class TiltDescription(SampledSensor, frozen=True, forbid_unknown_fields=True, kw
     """Share of critical damping."""
     offset_deg: tuple[float, float] = (0.0, 0.0)
     """Constant error of pitch and roll."""
-    noise_moving_deg: tuple[float, float] = (1.8, 2.5)
+    noise_moving_deg: tuple[float, float] = (2.2, 3.1)
     """Broadband error of pitch and roll on the road, one sigma: vibration that the liquid picks up."""
     noise_static_deg: tuple[float, float] = (0.1, 0.1)
     """The same at rest."""

@@ -27,6 +27,8 @@ ch. 5.
 
 from __future__ import annotations
 
+from typing import Any
+
 import msgspec
 import numpy as np
 
@@ -260,6 +262,6 @@ def inclination_error_rad(inclination_rad: float, latitude_rad: float, axis_rad:
     return float(np.arctan(inclination_rad * np.tan(latitude_rad) * np.cos(axis_rad)))
 
 
-def _north_rate(motion: object) -> np.ndarray:
+def _north_rate(motion: Any) -> np.ndarray:
     """Horizontal Earth rate at the places of a motion, rad/s."""
     return EARTH_RATE_RADPS * np.cos(geodetic_from_ecef(motion.position_ecef_m)[0])
