@@ -6,22 +6,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truenorth.formats.ubx import parse_ubx
-from truenorth.navigation import STATE_COLUMNS, MessageType
-from truenorth.observations import sat_id
-from truenorth.timescales import NS_PER_S, NS_PER_WEEK, gpst_from_calendar, week_from_gpst
-from ubx_writer import (
+from truenorth.formats.navigation_frames import (
     beidou_words,
     fnav_words,
     glonass_words,
     inav_words,
     lnav_words,
-    measurement,
-    pack,
-    rawx,
-    sfrbx,
-    width,
 )
+from truenorth.formats.ubx import parse_ubx
+from truenorth.formats.ubx_writer import encode_sfrbx as sfrbx
+from truenorth.navigation import STATE_COLUMNS, MessageType
+from truenorth.observations import sat_id
+from truenorth.timescales import NS_PER_S, NS_PER_WEEK, gpst_from_calendar, week_from_gpst
+from ubx_writer import measurement, pack, rawx, width
 
 PI = 3.1415926535898  # of the interface documents
 SEMI = PI * 2.0**-31

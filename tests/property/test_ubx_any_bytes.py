@@ -6,8 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truenorth.errors import FormatError
+from truenorth.formats.navigation_frames import lnav_words
 from truenorth.formats.ubx import find_frames, parse_ubx
-from ubx_writer import frame, lnav_words, measurement, rawx, sfrbx
+from truenorth.formats.ubx_writer import encode_frame as frame
+from truenorth.formats.ubx_writer import encode_sfrbx as sfrbx
+from ubx_writer import measurement, rawx
 
 
 def check(data):

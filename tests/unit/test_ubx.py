@@ -7,9 +7,11 @@ import pytest
 
 from truenorth.errors import FormatError
 from truenorth.formats.ubx import crc24q, find_frames, parse_ubx, read_ubx
+from truenorth.formats.ubx_writer import encode_frame as frame
+from truenorth.formats.ubx_writer import encode_sfrbx as sfrbx
 from truenorth.observations import LLI_HALF_CYCLE, LLI_SLIP, NO_CHANNEL, sat_name, signal_name
 from truenorth.timescales import NS_PER_S, NS_PER_WEEK
-from ubx_writer import frame, measurement, rawx, sfrbx
+from ubx_writer import measurement, rawx
 
 WEEK = 2021
 
