@@ -314,12 +314,16 @@ def test_suburban_route():
     assert stops >= 4
 
 
-def test_suburban_halt_on_request():
-    moving = build(SuburbanMotion(stationary_at_s=400.0, stationary_for_s=350.0), duration_s=900.0)
-    inside = moving.at(np.arange(400.0, 750.0, 1.0))
+@pytest.mark.parametrize("seed", range(3, 12))
+def test_suburban_halt_on_request(seed):
+    section = SuburbanMotion(blocks=4 + 3 * seed, stationary_at_s=400.0 + seed, stationary_for_s=350.0)
+    moving = build(section, duration_s=900.0, seed=seed)
+    inside = moving.at(np.arange(400.0 + seed, 750.1 + seed, 1.0))
     assert not inside.velocity_ecef_mps.any()
-    beside = moving.at(np.array([370.0, 760.0]))
-    assert np.all(np.linalg.norm(beside.velocity_ecef_mps, axis=1) > 1.0)
+    # It stops not much earlier, and goes on soon.
+    way = moving.distance_m(np.array([350.0, 400.0, 780.0]) + seed)
+    assert way[1] - way[0] > 20.0
+    assert way[2] - way[1] > 20.0
 
 
 def test_circuit_as_described():

@@ -75,7 +75,6 @@ def drive_law(
     duration_s: float,
     wait_s: float,
     stops: Sequence[tuple[float, float]] = (),
-    step_s: float = LAW_STEP_S,
 ) -> tuple[SplineLaw, np.ndarray, np.ndarray]:
     """Drive along a path from rest to rest, as fast as the limits allow.
 
@@ -95,8 +94,6 @@ def drive_law(
         At rest before the departure.
     stops : sequence of (float, float)
         Way (m) and duration (s) of halts.
-    step_s : float
-        Smoothing of the law.
 
     Returns
     -------
@@ -112,7 +109,9 @@ def drive_law(
     limit = speed_limit(way)
     # The law is smoothed in time, so that a turn is entered a little faster than it was planned.
     curvature = np.abs(path.curvature(way))
-    limit = np.minimum(limit, np.sqrt(0.85 * lateral_acceleration_mps2 / np.maximum(curvature, 1e-9)))
+    limit = np.minimum(limit, np.sqrt(0.78 * lateral_acceleration_mps2 / np.maximum(curvature, 1e-9)))
+    # Tight turns are driven so slowly that a whole second of smoothing would carry the speed into them.
+    step_s = min(LAW_STEP_S, max(0.05, 0.25 * float(np.min(limit)) / acceleration_mps2))
     limit[[0, -1]] = 0.0
     # Six equal control points in a row make a rest, so that a halt takes five steps more than it lasts.
     halts = [(round(where / path.length_m * cells), duration + 5.0 * step_s) for where, duration in stops]
@@ -278,7 +277,7 @@ def street_path(corners_m: np.ndarray, radius_m: float, *, closed: bool) -> tupl
     corner_way_m : ndarray, shape (n,)
         Where the corners are along it.
     """
-    points, corner_way = rounded_polyline(corners_m, radius_m, radius_m / 5.0, closed=closed)
+    points, corner_way = rounded_polyline(corners_m, radius_m, closed=closed)
     path = SplinePath.through(points, closed=closed)
     sides = np.diff(np.concatenate([points, points[:1]]) if closed else points, axis=0)
     return path, corner_way * (path.length_m / np.sum(np.hypot(*sides.T)))

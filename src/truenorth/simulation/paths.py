@@ -206,7 +206,7 @@ class SplineProfile:
 
 
 def rounded_polyline(
-    corners_m: np.ndarray, radius_m: float, step_m: float, *, closed: bool
+    corners_m: np.ndarray, radius_m: float, *, closed: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points at even distances on a polyline whose corners are replaced by arcs.
 
@@ -216,15 +216,13 @@ def rounded_polyline(
         Corners.
     radius_m : float
         Radius of the arcs; less where a side is too short for it.
-    step_m : float
-        Wanted distance of the points; adapted so that it divides the length.
     closed : bool
         The last corner is joined to the first; the points then begin in the middle of the first corner's arc.
 
     Returns
     -------
     points_m : ndarray, shape (m, 2)
-        Points, along straight lines and arcs.
+        Points, along straight lines and arcs, a fifth of the smallest radius apart.
     corner_way_m : ndarray, shape (n,)
         Where along them the middle of each corner's arc is (the ends of an open polyline: 0 and its length).
     """
@@ -265,7 +263,8 @@ def rounded_polyline(
             place = nodes[k + 1] + tangent[k] * np.array([np.sin(azimuth[k + 1]), np.cos(azimuth[k + 1])])
         before = after
     corner_way.append(way)
-    n = max(8, int(np.ceil(way / step_m)))
+    tightest = min([1.0 / abs(piece[3]) for piece in pieces if piece[3] != 0.0], default=radius_m)
+    n = int(np.clip(np.ceil(5.0 * way / tightest), 8, 200_000))
     if closed:
         ways = np.mod(corner_way[1] + np.linspace(0.0, way, n, endpoint=False), way)
     else:

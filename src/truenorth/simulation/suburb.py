@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from ..errors import ConfigError
-from .drives import drive_law, height_profile, require_not_negative, require_positive, street_path
+from .drives import LAW_STEP_S, drive_law, height_profile, require_not_negative, require_positive, street_path
 from .kinematics import LocalPlane
 from .laws import Law
 from .paths import SplinePath
@@ -253,12 +253,17 @@ def suburban_trajectory(
 
     law, way, arrival = plan(stops)
     if section.stationary_at_s is not None:
-        # Parked on a straight street that is reached in time, there until the end asked for.
-        parked = find_straight(path, float(np.interp(section.stationary_at_s - 10.0, arrival, way)))
-        stops = [stop for stop in stops if abs(stop[0] - parked) > 60.0]
-        _, way, arrival = plan([*stops, (parked, 0.0)])
-        waited = max(0.0, section.stationary_at_s - float(np.interp(parked, way, arrival)))
-        law, _, _ = plan([*stops, (parked, waited + section.stationary_for_s)])
+        # Parked on a straight street that is reached in time (braking for it, and the smoothing of the law,
+        # take some seconds that the drive without it did not need), there until the end asked for.
+        for early_s in (10.0, 15.0, 20.0, 30.0, 40.0):
+            parked = find_straight(path, float(np.interp(section.stationary_at_s - early_s, arrival, way)))
+            others = [stop for stop in stops if abs(stop[0] - parked) > 60.0]
+            _, way_there, arrival_there = plan([*others, (parked, 0.0)])
+            reached = arrival_there[np.argmin(np.abs(way_there - parked))]
+            waited = section.stationary_at_s - float(reached)
+            if waited > 3.0 * LAW_STEP_S:
+                break
+        law, _, _ = plan([*others, (parked, waited + section.stationary_for_s)])
     return RouteTrajectory(
         plane,
         path,
