@@ -18,6 +18,8 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = (
     ("_kernels",),
     ("constants", "errors", "timescales", "rotations", "frames"),
+    ("gravity",),
+    ("strapdown",),
     ("observations", "navigation", "sensor_log"),
     ("formats",),
     ("datasets", "config", "platform"),
