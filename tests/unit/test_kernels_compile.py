@@ -56,6 +56,7 @@ UNUSED = {
     "orbits.interpolate_orbits": "orbits.precise, from SP3",
     "rinex_write._digits": _WRITING,
     "rinex_write.write_epochs": _WRITING,
+    "tracking.track_channels": "simulation.observe, simulated receivers",
 }
 
 
