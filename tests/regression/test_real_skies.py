@@ -6,7 +6,7 @@ from truenorth.constants import SPEED_OF_LIGHT_MPS
 from truenorth.frames import ecef_from_geodetic
 from truenorth.orbits import compute_satellite_states
 from truenorth.simulation.sky import FileSky, build_sky
-from truenorth.simulation.tracks import tracks
+from truenorth.simulation.sky.tracks import tracks
 from truenorth.timescales import NS_PER_S, gpst_from_calendar
 
 GRAZ = ecef_from_geodetic(np.radians(47.07), np.radians(15.44), 400.0)

@@ -29,8 +29,7 @@ def _scenario(folder, motion):
             "files": ["RINEX_GN_Spirent.23N.gz", "RINEX_EN_Spirent.23L.gz"],
             "time_shift": "none",
         },
-        # The hardware knows no wind-up; all else of the environment cancels over 100 m to below a millimetre,
-        # but for the troposphere over the 200 m of height that the rose spans.
+        # The hardware knows no wind-up.
         "environment": {"phase_windup": False},
         "receiver": {
             "signals": {"G": ["1C", "2X", "5I"], "E": ["1C", "5Q", "7Q"]},
@@ -78,9 +77,9 @@ def _table(observations, column):
 
 
 def _double_differences(sessions, column):
-    """Simulated minus given, rover minus base, satellite minus the mean: by signal, (epoch, satellite) rows.
+    """Differences by signal, epoch and satellite.
 
-    The mean over the satellites of an epoch takes the receivers' clocks off.
+    Simulated minus given, rover minus base; the receivers' clocks are still in.
     """
     given, simulated = sessions
     tables = [_table(source[name], column) for source in (simulated, given) for name in ("rover", "base")]
@@ -94,7 +93,7 @@ def _double_differences(sessions, column):
 
 
 def _spread(groups):
-    """Residuals of all satellites against the median of their epoch, metres or cycles, by signal and satellite."""
+    """Residuals against the median of their epoch, which takes the clocks off; by signal and satellite."""
     rows = {}
     for (system, signal), epochs in groups.items():
         for values in epochs.values():

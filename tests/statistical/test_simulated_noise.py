@@ -6,8 +6,8 @@ Bounds are quantiles of the statistic's own distribution with a false alarm belo
 import numpy as np
 import pytest
 from scipy import stats
-from simulated_sessions import NOISELESS, pair
 
+from simulated_sessions import NOISELESS, pair
 from truenorth.constants import SPEED_OF_LIGHT_MPS
 from truenorth.observations import LLI_SLIP
 from truenorth.simulation import simulate

@@ -1,9 +1,9 @@
 """Scenario files: strict, layered, and changed from the command line by dotted keys."""
 
 import pytest
-from simulated_sessions import pair
 
 import truenorth as tn
+from simulated_sessions import pair
 from truenorth.errors import ConfigError, FormatError
 from truenorth.simulation import read_scenario, scenario_names
 
@@ -30,7 +30,11 @@ def test_every_default_is_written_and_read_back(tmp_path):
 def test_overrides_take_dotted_keys():
     scenario = read_scenario(
         pair(),
-        ["duration_s=7", "platform.antennas.1.position_body_m=[2.0, 0.0, 0.0]", "receiver.clock.oscillator=common"],
+        [
+            "duration_s=7",
+            "platform.antennas.1.position_body_m=[2.0, 0.0, 0.0]",
+            "receiver.clock.oscillator=common",
+        ],
     )
     assert scenario.duration_s == 7.0
     assert scenario.platform.antennas[1].position_body_m == (2.0, 0.0, 0.0)

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from simulated_sessions import NOISELESS, pair
 
 import truenorth as tn
+from simulated_sessions import NOISELESS, pair
 from truenorth.constants import SPEED_OF_LIGHT_MPS
 from truenorth.observations import LLI_HALF_CYCLE, LLI_SLIP, frequency_hz, sat_id, signal_id
 from truenorth.simulation import Simulator, read_scenario, simulate

@@ -11,15 +11,15 @@ from truenorth.frames import ecef_from_geodetic, geodetic_from_ecef
 from truenorth.navigation import PreciseOrbits
 from truenorth.observations import sat_id
 from truenorth.orbits import compute_satellite_states
-from truenorth.simulation.almanac import (
+from truenorth.simulation.sky import DirectionsSky, FileSky, NominalSky, OguzSky, OrbitErrors, build_sky
+from truenorth.simulation.sky.almanac import (
     greenwich_angle_rad,
     nominal_slots,
     orbit_elements,
     repeat_semi_major_axis_m,
 )
-from truenorth.simulation.orbit_fit import fit_broadcast
-from truenorth.simulation.sky import DirectionsSky, FileSky, NominalSky, OguzSky, OrbitErrors, build_sky
-from truenorth.simulation.tracks import tracks
+from truenorth.simulation.sky.orbit_fit import fit_broadcast
+from truenorth.simulation.sky.tracks import tracks
 from truenorth.timescales import NS_PER_DAY, NS_PER_S, gpst_from_calendar
 
 START_NS = gpst_from_calendar(2024, 6, 24, 8)

@@ -8,11 +8,11 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import ConfigError
+from ...errors import ConfigError
+from ..randomness import stream
 from .kinematics import LocalPlane
 from .laws import PAD_S, SplineLaw, UniformLaw, fastest_times, sample_passage
 from .paths import CirclePath, SplinePath, SplineProfile, rounded_polyline
-from .randomness import stream
 from .routes import BodySection, RouteTrajectory, road_unevenness
 
 __all__ = [

@@ -26,8 +26,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..observations import sat_id
-from ..timescales import NS_PER_DAY, NS_PER_S, gpst_from_calendar, gpst_from_utc_ns, leap_seconds
+from ...observations import sat_id
+from ...timescales import NS_PER_DAY, NS_PER_S, gpst_from_calendar, gpst_from_utc_ns, leap_seconds
 
 __all__ = [
     "EARTH_RATE_RADPS",

@@ -12,12 +12,12 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from ..errors import ConfigError
+from ...errors import ConfigError
+from ..randomness import stream
 from .drives import LAW_STEP_S, drive_law, height_profile, require_not_negative, require_positive, street_path
 from .kinematics import LocalPlane
 from .laws import Law
 from .paths import SplinePath
-from .randomness import stream
 from .routes import BodySection, RouteTrajectory, Sinusoids, road_unevenness
 
 __all__ = ["SuburbanMotion", "suburban_trajectory"]

@@ -9,9 +9,9 @@ unknown and zero; GLONASS channels are the nominal ones.
 
 import numpy as np
 
-from ..constants import BEIDOU, GLONASS, SBAS
-from ..navigation import KEPLER_COLUMNS, STATE_COLUMNS, build_navigation
-from ..timescales import BDT_OFFSET_NS, NS_PER_S, NS_PER_WEEK, leap_seconds
+from ...constants import BEIDOU, GLONASS, SBAS
+from ...navigation import KEPLER_COLUMNS, STATE_COLUMNS, build_navigation
+from ...timescales import BDT_OFFSET_NS, NS_PER_S, NS_PER_WEEK, leap_seconds
 from .almanac import EARTH_RATE_RADPS, GLONASS_CHANNELS, GM_M3PS2
 from .broadcast import FIT_S, URA_M, as_written, constants_of, is_beidou_fixed, messages_of, reference_times
 
@@ -67,7 +67,7 @@ def fit_broadcast(precise, *, start_ns, duration_s):
 
 def _samples(precise, sats, toe_ns, system):
     """Satellites that are there over the whole span, with positions, velocities, clocks; and the times."""
-    from ..orbits import interpolate_precise
+    from ...orbits import interpolate_precise
 
     half_s = _HALF_SPAN_S.get(system, _USUAL_HALF_SPAN_S)
     offsets_s = np.linspace(-half_s, half_s, _N_SAMPLES)
@@ -184,7 +184,7 @@ def _osculating(position, velocity, kind, gm, omega_e, toe_s):
 
 def _propagated(table, kind, toe_ns, toe_s, gm, omega_e, time_ns):
     """Positions of all rows at all times, shape (n_rows, n_times, 3)."""
-    from .._kernels.orbits import propagate_orbits
+    from ..._kernels.orbits import propagate_orbits
 
     n_rows, n_times = len(table), len(time_ns)
     n = n_rows * n_times

@@ -16,10 +16,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..constants import BEIDOU, SYSTEMS
-from ..errors import ConfigError
-from ..navigation import KEPLER_COLUMNS, Navigation, keep_satellites, merge_navigation
-from ..timescales import BDT_OFFSET_NS, NS_PER_DAY, NS_PER_S, NS_PER_WEEK, format_gpst, leap_seconds
+from ...constants import BEIDOU, SYSTEMS
+from ...errors import ConfigError
+from ...navigation import KEPLER_COLUMNS, Navigation, keep_satellites, merge_navigation
+from ...timescales import BDT_OFFSET_NS, NS_PER_DAY, NS_PER_S, NS_PER_WEEK, format_gpst, leap_seconds
 from .broadcast import BroadcastTruth
 
 __all__ = ["PreciseTruth", "SmoothTruth", "real_constellation", "shift_days"]
@@ -53,7 +53,7 @@ def real_constellation(section, *, start_ns, duration_s, folder=""):
     FormatError
         If a file cannot be read.
     """
-    from ..formats import read_navigation
+    from ...formats import read_navigation
 
     paths = [os.path.join(folder, name) for name in section.files]
     navigation = merge_navigation(*(read_navigation(path) for path in paths))
@@ -135,7 +135,7 @@ def shift_days(navigation, n_days):
     -------
     Navigation
     """
-    from ..orbits.selection import ephemeris_table
+    from ...orbits.selection import ephemeris_table
 
     shift_ns = int(n_days) * NS_PER_DAY
     kepler, states = navigation.kepler, navigation.states
@@ -186,8 +186,8 @@ class SmoothTruth:
     @classmethod
     def of(cls, navigation):
         """Choose the ephemerides: at each reference time the one that a receiver would take."""
-        from ..orbits import select_ephemerides
-        from ..orbits.selection import ephemeris_table
+        from ...orbits import select_ephemerides
+        from ...orbits.selection import ephemeris_table
 
         table = ephemeris_table(navigation)
         sat = np.concatenate([navigation.kepler.sat, navigation.states.sat]).astype(np.int64)
@@ -202,7 +202,7 @@ class SmoothTruth:
 
     def states(self, sat, time_ns, delay_s):
         """Position, velocity, clock, clock drift, status: see `truenorth.simulation.sky.Sky.true_states`."""
-        from ..orbits import OrbitStatus, compute_satellite_states
+        from ...orbits import OrbitStatus, compute_satellite_states
 
         n = len(self.row)
         after = np.searchsorted(self.key, _key(sat, time_ns), side="right")
@@ -265,7 +265,7 @@ class PreciseTruth:
 
     def states(self, sat, time_ns, delay_s):
         """Position, velocity, clock, clock drift, status: see `truenorth.simulation.sky.Sky.true_states`."""
-        from ..orbits import OrbitStatus, interpolate_precise
+        from ...orbits import OrbitStatus, interpolate_precise
 
         columns = interpolate_precise(self.precise, sat, time_ns, delay_s=delay_s)
         other = np.flatnonzero(columns[4] == OrbitStatus.NO_EPHEMERIS)

@@ -15,10 +15,10 @@ Reference: P. Oguz, Implementation of Northfinding Techniques, METU, 2006, secti
 
 import numpy as np
 
-from ..frames import geodetic_from_ecef, rot_enu_from_ecef
-from ..navigation import build_navigation
-from ..observations import sat_id
-from ..timescales import leap_seconds
+from ...frames import geodetic_from_ecef, rot_enu_from_ecef
+from ...navigation import build_navigation
+from ...observations import sat_id
+from ...timescales import leap_seconds
 from .almanac import greenwich_angle_rad, nominal_slots
 from .broadcast import BroadcastTruth, KeplerOrbit, as_written, kepler_rows, reference_times
 

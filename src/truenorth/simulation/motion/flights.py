@@ -9,7 +9,7 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from ..errors import ConfigError
+from ...errors import ConfigError
 from .drives import require_positive
 from .kinematics import LocalPlane
 from .laws import PAD_S, Law, SplineLaw, UniformLaw, uniform_spline

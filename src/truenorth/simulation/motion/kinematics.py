@@ -22,7 +22,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..frames import (
+from ...frames import (
     WGS84_A_M,
     WGS84_E2,
     ecef_from_geodetic,
@@ -30,7 +30,7 @@ from ..frames import (
     rot_enu_from_ecef,
     rot_ned_from_ecef,
 )
-from ..rotations import body_rate_from_euler_rates, heading_pitch_roll, rot_ned_from_body
+from ...rotations import body_rate_from_euler_rates, heading_pitch_roll, rot_ned_from_body
 
 __all__ = ["Attitude", "LocalPlane", "Motion", "Place", "Trajectory", "motion_of", "place_from_ecef"]
 

@@ -2,7 +2,7 @@
 
 Four kinds of sky:
 
-- ``nominal``: the published nominal constellations (`truenorth.simulation.almanac`);
+- ``nominal``: the published nominal constellations (`truenorth.simulation.sky.almanac`);
 - ``files``: the real constellation of RINEX navigation and SP3 files, moved by whole days where asked;
 - ``oguz``: the 24 circular orbits of Oguz (2006), eq. 2.1 to 2.4;
 - ``directions``: circular orbits through given azimuths and elevations at the start.
@@ -28,12 +28,12 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from ..constants import SPEED_OF_LIGHT_MPS, SYSTEMS
-from ..errors import ConfigError
-from ..navigation import Navigation, keep_satellites
-from ..observations import sat_id, sat_name
+from ...constants import SPEED_OF_LIGHT_MPS, SYSTEMS
+from ...errors import ConfigError
+from ...navigation import Navigation, keep_satellites
+from ...observations import sat_id, sat_name
+from ..randomness import stream
 from .almanac import EARTH_RATE_RADPS
-from .randomness import stream
 from .tracks import azimuth_elevation
 
 __all__ = [
@@ -372,13 +372,13 @@ def build_sky(section, *, start_ns, duration_s, seed, folder="", position_ecef_m
         navigation, truth = nominal_navigation(section, **span, seed=seed)
         source = "nominal constellations: GPS SPS PS 2020, GLONASS ICD 5.1, Galileo OS SDD 1.1, BDS-OS-PS-3.0"
     elif isinstance(section, OguzSky):
-        from .circular_skies import oguz_navigation
+        from .circular import oguz_navigation
 
         navigation, truth = oguz_navigation(section, **span)
         source = "24 circular orbits, Oguz 2006, equations 2.1 to 2.4"
         clock_bias_m = section.clock_bias_m
     else:
-        from .circular_skies import directions_navigation
+        from .circular import directions_navigation
 
         _need_position("azimuth_elevation_deg", section.azimuth_elevation_deg, position_ecef_m)
         navigation, truth = directions_navigation(section, **span, position_ecef_m=position_ecef_m)

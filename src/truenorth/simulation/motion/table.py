@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from ..errors import ConfigError, FormatError
-from ..frames import ecef_from_geodetic
+from ...errors import ConfigError, FormatError
+from ...frames import ecef_from_geodetic
 from .kinematics import Attitude, Motion, motion_of, place_from_ecef
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """Broadcast messages of satellites on nominal orbits.
 
-The orbit of a slot is one smooth curve (`truenorth.simulation.almanac.orbit_elements`); its ephemerides
+The orbit of a slot is one smooth curve (`truenorth.simulation.sky.almanac.orbit_elements`); its ephemerides
 are that curve written down at each reference time, so that consecutive ones agree to rounding. GLONASS
 state vectors are integrated from one record to the next by the equations that receivers use (ICD 5.1,
 A.3.1.2). Clocks and group delays are drawn once per satellite, with the sizes that broadcast files show.
@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..constants import BEIDOU, GALILEO, GLONASS, GPS, NAVIC, QZSS
-from ..navigation import KEPLER_COLUMNS, STATE_COLUMNS, MessageType, Navigation, build_navigation
-from ..observations import sat_name
-from ..timescales import BDT_OFFSET_NS, NS_PER_DAY, NS_PER_S, NS_PER_WEEK, leap_seconds
+from ...constants import BEIDOU, GALILEO, GLONASS, GPS, NAVIC, QZSS
+from ...navigation import KEPLER_COLUMNS, STATE_COLUMNS, MessageType, Navigation, build_navigation
+from ...observations import sat_name
+from ...timescales import BDT_OFFSET_NS, NS_PER_DAY, NS_PER_S, NS_PER_WEEK, leap_seconds
+from ..randomness import stream
 from .almanac import EARTH_RATE_RADPS, GLONASS_CHANNELS, nominal_slots, orbit_elements
-from .randomness import stream
 
 __all__ = [
     "FIT_S",
@@ -62,7 +62,7 @@ class BroadcastTruth:
 
     def states(self, sat, time_ns, delay_s):
         """Position, velocity, clock, clock drift, status: see `truenorth.simulation.sky.Sky.true_states`."""
-        from ..orbits import compute_satellite_states
+        from ...orbits import compute_satellite_states
 
         states = compute_satellite_states(self.navigation, sat, time_ns, delay_s=delay_s)
         return (
@@ -268,7 +268,7 @@ def kepler_rows(orbit, times_ns, clock, clock_ns):
 
 def _glonass_rows(orbits, times_ns, seed, clock_ns):
     """State vectors, each integrated from the one before."""
-    from ..orbits import compute_satellite_states
+    from ...orbits import compute_satellite_states
 
     sats = np.array([orbit.sat for orbit in orbits], dtype=np.int64)
     start = build_navigation(

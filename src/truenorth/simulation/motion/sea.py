@@ -26,11 +26,11 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from ..errors import ConfigError
+from ...errors import ConfigError
+from ..randomness import stream
 from .drives import require_open_turns, require_positive, street_path
 from .kinematics import LocalPlane
 from .laws import PAD_S, UniformLaw
-from .randomness import stream
 from .routes import Component, Disturbance, RouteTrajectory, Sinusoids
 
 __all__ = ["Oscillation", "ShipLeg", "ShipMotion", "ship_trajectory", "wave_sinusoids"]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from ..errors import ConfigError
-from ..frames import ecef_from_geodetic, rot_ned_from_ecef
-from ..rotations import rot_ned_from_body
+from ...errors import ConfigError
+from ...frames import ecef_from_geodetic, rot_ned_from_ecef
+from ...rotations import rot_ned_from_body
 from .kinematics import Attitude, Motion, Place, motion_of
 from .laws import Law, SplineLaw, UniformLaw
 

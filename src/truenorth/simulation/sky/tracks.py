@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..frames import azimuth_elevation_from_enu, geodetic_from_ecef, rot_enu_from_ecef
+from ...frames import azimuth_elevation_from_enu, geodetic_from_ecef, rot_enu_from_ecef
 from .almanac import EARTH_RATE_RADPS, greenwich_angle_rad
 
 __all__ = ["Tracks", "azimuth_elevation", "tracks"]

@@ -11,11 +11,11 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from ..errors import ConfigError
+from ...errors import ConfigError
+from ..randomness import stream
 from .drives import drive_law, require_not_negative, require_positive
 from .kinematics import LocalPlane
 from .paths import SplinePath, SplineProfile
-from .randomness import stream
 from .routes import BodySection, RouteTrajectory, road_unevenness
 
 __all__ = ["CircuitLap", "CircuitMotion", "circuit_trajectory"]

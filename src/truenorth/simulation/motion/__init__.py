@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import assert_never
 
-from ..strapdown import (
+from ...strapdown import (
     InertialIncrements,
     InertialStates,
     integrate_increments,
@@ -22,10 +22,10 @@ from .drives import CircleMotion, Stop, WaypointMotion, circle_trajectory, waypo
 from .fixed import StaticMotion, TurntableMotion, TurntableTrajectory
 from .flights import AircraftLeg, AircraftMotion, aircraft_trajectory
 from .kinematics import LocalPlane, Motion, Trajectory
-from .motion_table import TableMotion, TableTrajectory, read_motion_table
 from .routes import BodySection
 from .sea import Oscillation, ShipLeg, ShipMotion, ship_trajectory
 from .suburb import SuburbanMotion, suburban_trajectory
+from .table import TableMotion, TableTrajectory, read_motion_table
 
 __all__ = [
     "AircraftLeg",

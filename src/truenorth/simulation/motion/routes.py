@@ -23,7 +23,7 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from ..errors import ConfigError
+from ...errors import ConfigError
 from .kinematics import Attitude, LocalPlane, Motion, motion_of
 from .laws import Law
 from .paths import CirclePath, FlatProfile, Path, Profile, SplinePath
