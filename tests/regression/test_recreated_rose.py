@@ -53,7 +53,8 @@ def sessions(data_dir, tmp_path_factory):
             "kind": "table",
             "file": "Rover-dynamic_PVA_Spirent.csv.gz",
             "columns": {
-                "time_s": "Time [s]", "x_m": "Pos ECEF X [m]", "y_m": "Pos ECEF Y [m]", "z_m": "Pos ECEF Z [m]",
+                "time_s": "Time [s]",
+                "x_m": "Pos ECEF X [m]", "y_m": "Pos ECEF Y [m]", "z_m": "Pos ECEF Z [m]",
                 "roll_deg": "Roll [deg]", "pitch_deg": "Pitch [deg]", "heading_deg": "Yaw [deg]",
             },
         },

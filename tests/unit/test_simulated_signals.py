@@ -9,13 +9,17 @@ from truenorth.constants import SPEED_OF_LIGHT_MPS
 from truenorth.observations import LLI_HALF_CYCLE, LLI_SLIP, frequency_hz, sat_id, signal_id
 from truenorth.simulation import Simulator, read_scenario, simulate
 
-_CODE_TERMS = (
-    "range_m troposphere_m ionosphere_m receiver_clock_m group_delay_m code_bias_m code_multipath_m code_noise_m "
-    "code_fault_m"
-).split()
-_PHASE_TERMS = (
-    "range_m troposphere_m phase_clock_m phase_bias_m phase_multipath_m phase_noise_m phase_fault_m phase_centre_m"
-).split()
+_COMMON_TERMS = ["range_m", "troposphere_m"]
+_CODE_TERMS = [
+    *_COMMON_TERMS,
+    *("ionosphere_m", "receiver_clock_m", "group_delay_m"),
+    *("code_bias_m", "code_multipath_m", "code_noise_m", "code_fault_m"),
+]
+_PHASE_TERMS = [
+    *_COMMON_TERMS,
+    *("phase_clock_m", "phase_bias_m", "phase_centre_m"),
+    *("phase_multipath_m", "phase_noise_m", "phase_fault_m"),
+]
 
 
 def _of(observations, sat, signal):
