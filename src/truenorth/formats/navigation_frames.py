@@ -168,13 +168,16 @@ def lnav_words(subframe):
     return words
 
 
-def _bch(data):
+def _bch_bits(data):
     """Four check bits of eleven data bits."""
     rest = data << 4
     for k in range(14, 3, -1):
         if rest >> k & 1:
             rest ^= 0b10011 << (k - 4)
     return rest
+
+
+_BCH = tuple(_bch_bits(data) for data in range(1 << 11))
 
 
 def beidou_words(subframe):
@@ -191,10 +194,10 @@ def beidou_words(subframe):
         Ten words of 30 bits, not interleaved.
     """
     first = subframe >> 198
-    words = [first << 4 | _bch(first & 0x7FF)]
+    words = [first << 4 | _BCH[first & 0x7FF]]
     for k in range(9):
         data = subframe >> (176 - 22 * k) & 0x3FFFFF
-        words.append(data << 8 | _bch(data >> 11) << 4 | _bch(data & 0x7FF))
+        words.append(data << 8 | _BCH[data >> 11] << 4 | _BCH[data & 0x7FF])
     return words
 
 
@@ -350,16 +353,27 @@ def navigation_words(navigation, table, row, start_ns):
         return _glonass(navigation, row, start_ns)
     eph = navigation.kepler
     system, message = int(eph.sat[row]) // 100, MessageType(int(eph.message[row]))
-    values = dict(zip(KEPLER_COLUMNS, eph.elements[row].tolist(), strict=True))
     if system in (GPS, QZSS) and message == MessageType.LNAV:
         return tuple(lnav_words(subframe) for subframe in lnav_subframes(eph, row, start_ns))
     if system == GALILEO and message == MessageType.INAV:
-        return _inav(navigation, row, values, start_ns)
+        return _inav(navigation, row, start_ns)
     if system == GALILEO and message == MessageType.FNAV:
-        return _fnav(navigation, row, values, start_ns)
+        return _fnav(navigation, row, start_ns)
     if system == BEIDOU and message in (MessageType.D1, MessageType.D2):
-        return _beidou(navigation, row, values, start_ns)
+        return _beidou(navigation, row, start_ns)
     raise ValueError(f"{message.name} of this system is not written")
+
+
+# What does not depend on the time of transmission is packed once for each ephemeris.
+_once = functools.lru_cache(maxsize=4096)
+
+
+def _elements(eph, row):
+    return dict(zip(KEPLER_COLUMNS, eph.elements[row].tolist(), strict=True))
+
+
+def _without(fields, *names):
+    return {name: field for name, field in fields.items() if name not in names}
 
 
 def _lnav_head(frames, start_ns):
@@ -393,11 +407,18 @@ def lnav_subframes(eph, row, start_ns):
     ValueError
         If a value of the ephemeris has no room in the message.
     """
+    frames = dict(zip((1, 2, 3), _lnav_body(eph, row), strict=True))
+    _lnav_head(frames, start_ns)
+    insert(frames, bits.LNAV_FIELDS["week"], bits.LNAV_BITS, start_ns // NS_PER_WEEK % 1024)
+    return tuple(frames.values())
+
+
+@_once
+def _lnav_body(eph, row):
     sat, iode = int(eph.sat[row]), int(eph.iode[row]) & 0xFF
     usual_fit_s = 7_200.0 if sat // 100 == QZSS else 14_400.0
-    values = dict(zip(KEPLER_COLUMNS, eph.elements[row].tolist(), strict=True))
+    values = _elements(eph, row)
     values |= {
-        "week": start_ns // NS_PER_WEEK % 1024,
         "ura_index": _ura_index(values["ura_m"]),
         "health": int(eph.health[row]) & 0x3F,
         "iodc": int(eph.iodc[row]) & 0x300 | iode,
@@ -408,10 +429,9 @@ def lnav_subframes(eph, row, start_ns):
         "fit_flag": int(values["fit_interval_s"] > usual_fit_s),
     }
     frames = dict.fromkeys((1, 2, 3), 0)
-    _lnav_head(frames, start_ns)
     insert(frames, _at(1, 58, 2), bits.LNAV_BITS, 1)  # P code on L2
-    _insert_all(frames, bits.LNAV_FIELDS, bits.LNAV_BITS, values)
-    return tuple(frames[k] for k in (1, 2, 3))
+    _insert_all(frames, _without(bits.LNAV_FIELDS, "week"), bits.LNAV_BITS, values)
+    return tuple(frames.values())
 
 
 def ionosphere_words(klobuchar, start_ns):
@@ -454,8 +474,8 @@ def ionosphere_words(klobuchar, start_ns):
     return lnav_words(frames[4])
 
 
-def _galileo_values(navigation, row, values):
-    eph = navigation.kepler
+def _galileo_values(eph, row):
+    values = _elements(eph, row)
     iod, health = int(eph.iode[row]) & 0x3FF, int(eph.health[row])
     return values | {
         **{f"iod{k}": iod for k in (1, 2, 3, 4)},
@@ -477,41 +497,54 @@ def _galileo_week(time_ns):
     return (time_ns // NS_PER_WEEK - bits.GALILEO_WEEK) % 4096, time_ns % NS_PER_WEEK // NS_PER_S
 
 
-def _inav(navigation, row, values, start_ns):
-    values = _galileo_values(navigation, row, values)
+def _inav(navigation, row, start_ns):
+    frames = dict(zip(range(1, 6), _inav_body(navigation, row), strict=True))
     # Word 5 comes 24 s after the start of the subframe of 30 s.
-    values["week"], values["tow_s"] = _galileo_week(start_ns + 24 * NS_PER_S)
+    week, tow_s = _galileo_week(start_ns + 24 * NS_PER_S)
+    insert(frames, bits.INAV_FIELDS["week"], bits.INAV_BITS, week)
+    insert(frames, bits.INAV_FIELDS["tow_s"], bits.INAV_BITS, tow_s)
+    return tuple(inav_words(frames[k]) for k in (2, 4, 1, 3, 5))
+
+
+@_once
+def _inav_body(navigation, row):
     frames = dict.fromkeys(range(1, 6), 0)
     for number in frames:
         insert(frames, _at(number, 0, 6), bits.INAV_BITS, number)
-    _insert_all(frames, bits.INAV_FIELDS, bits.INAV_BITS, values)
+    values = _galileo_values(navigation.kepler, row)
+    _insert_all(frames, _without(bits.INAV_FIELDS, "week", "tow_s"), bits.INAV_BITS, values)
     if navigation.nequick is not None:
         for field, value in zip(bits.INAV_NEQUICK, navigation.nequick, strict=True):
             insert(frames, field, bits.INAV_BITS, float(value))
-    return tuple(inav_words(frames[k]) for k in (2, 4, 1, 3, 5))
+    return tuple(frames.values())
 
 
 # Week and second of week, which every page repeats for its own time: page, first bit.
 _FNAV_TIMES = ((1, 155), (2, 182), (3, 174), (4, 189))
 
 
-def _fnav(navigation, row, values, start_ns):
-    values = _galileo_values(navigation, row, values)
-    frames = dict.fromkeys(range(1, 5), 0)
-    fields = {k: v for k, v in bits.FNAV_FIELDS.items() if k not in ("week", "tow_s")}
-    for number in frames:
-        insert(frames, _at(number, 0, 6), bits.FNAV_BITS, number)
+def _fnav(navigation, row, start_ns):
+    frames = dict(zip(range(1, 5), _fnav_body(navigation, row), strict=True))
     for number, first in _FNAV_TIMES:
         week, tow_s = _galileo_week(start_ns + 10 * (number - 1) * NS_PER_S)
         if number < 4:
             insert(frames, _at(number, first, 12), bits.FNAV_BITS, week)
             first += 12
         insert(frames, _at(number, first, 20), bits.FNAV_BITS, tow_s)
-    _insert_all(frames, fields, bits.FNAV_BITS, values)
+    return tuple(fnav_words(frame) for frame in frames.values())
+
+
+@_once
+def _fnav_body(navigation, row):
+    frames = dict.fromkeys(range(1, 5), 0)
+    for number in frames:
+        insert(frames, _at(number, 0, 6), bits.FNAV_BITS, number)
+    values = _galileo_values(navigation.kepler, row)
+    _insert_all(frames, _without(bits.FNAV_FIELDS, "week", "tow_s"), bits.FNAV_BITS, values)
     if navigation.nequick is not None:
         for field, value in zip(bits.FNAV_NEQUICK, navigation.nequick, strict=True):
             insert(frames, field, bits.FNAV_BITS, float(value))
-    return tuple(fnav_words(frames[k]) for k in (1, 2, 3, 4))
+    return tuple(frames.values())
 
 
 def is_geostationary(sat):
@@ -519,12 +552,25 @@ def is_geostationary(sat):
     return sat // 100 == BEIDOU and (sat % 100 <= 5 or sat % 100 >= 59)
 
 
-def _beidou(navigation, row, values, start_ns):
-    eph = navigation.kepler
+def _beidou(navigation, row, start_ns):
+    body = _beidou_body(navigation, row)
+    is_d2 = len(body) == 10
+    frames = dict(enumerate(body, start=1))
     start_ns -= BDT_OFFSET_NS
+    for number in frames:
+        sow = (start_ns // NS_PER_S + (3 if is_d2 else 6) * (number - 1)) % 604_800
+        insert(frames, _at(number, 18, 20), bits.D1_BITS, sow)
+    week = (bits.D2_FIELDS if is_d2 else bits.D1_FIELDS)["week"]
+    insert(frames, week, bits.D1_BITS, start_ns // NS_PER_WEEK - bits.BEIDOU_WEEK)
+    return tuple(beidou_words(frame) for frame in frames.values())
+
+
+@_once
+def _beidou_body(navigation, row):
+    eph = navigation.kepler
     toe_ns, toc_ns = int(eph.toe_ns[row]) - BDT_OFFSET_NS, int(eph.toc_ns[row]) - BDT_OFFSET_NS
+    values = _elements(eph, row)
     values |= {
-        "week": start_ns // NS_PER_WEEK - bits.BEIDOU_WEEK,
         "ura_index": _ura_index(values["ura_m"]),
         "health": int(eph.health[row] != 0),
         "iodc": int(eph.iodc[row]) & 0x1F,
@@ -532,23 +578,19 @@ def _beidou(navigation, row, values, start_ns):
         "toe_s": _exact(toe_ns % NS_PER_WEEK, 8, "toe"),
         "toc_s": _exact(toc_ns % NS_PER_WEEK, 8, "toc"),
     }
-    if is_geostationary(int(eph.sat[row])):
-        fields, ionosphere, n_frames, step_s = bits.D2_FIELDS, bits.D2_KLOBUCHAR, 10, 3
-    else:
-        fields, ionosphere, n_frames, step_s = bits.D1_FIELDS, bits.D1_KLOBUCHAR, 3, 6
-    frames = dict.fromkeys(range(1, n_frames + 1), 0)
+    is_d2 = is_geostationary(int(eph.sat[row]))
+    fields, ionosphere = (bits.D2_FIELDS, bits.D2_KLOBUCHAR) if is_d2 else (bits.D1_FIELDS, bits.D1_KLOBUCHAR)
+    frames = dict.fromkeys(range(1, 11 if is_d2 else 4), 0)
     for number in frames:
-        sow = (start_ns // NS_PER_S + step_s * (number - 1)) % 604_800
         insert(frames, _at(number, 0, 11), bits.D1_BITS, 0x712)
-        insert(frames, _at(number, 15, 3), bits.D1_BITS, 1 if n_frames == 10 else number)
-        insert(frames, _at(number, 18, 20), bits.D1_BITS, sow)
-        if n_frames == 10:
+        insert(frames, _at(number, 15, 3), bits.D1_BITS, 1 if is_d2 else number)
+        if is_d2:
             insert(frames, _at(number, 38, 4), bits.D2_BITS, number)
-    _insert_all(frames, fields, bits.D1_BITS, values)
+    _insert_all(frames, _without(fields, "week"), bits.D1_BITS, values)
     if "C" in navigation.klobuchar:
         for field, value in zip(ionosphere, navigation.klobuchar["C"], strict=True):
             insert(frames, field, bits.D1_BITS, float(value))
-    return tuple(beidou_words(frames[k]) for k in frames)
+    return tuple(frames.values())
 
 
 # What the fields of GLONASS_FIELDS do not hold: half hours between reference times, a GLONASS-M satellite.
@@ -557,38 +599,41 @@ _GLONASS_SLOT, _GLONASS_KIND = _at(4, 70, 5), _at(4, 75, 2)
 
 
 def _glonass(navigation, row, start_ns):
-    eph = navigation.states
+    frames = dict(zip((1, 2, 3, 4), _glonass_body(navigation.states, row), strict=True))
+    moscow_ns = _moscow_ns(start_ns)
+    second_of_day = moscow_ns % NS_PER_DAY // NS_PER_S
+    hours, minutes, halves = second_of_day // 3600, second_of_day // 60 % 60, second_of_day // 30 % 2
+    frame_time = hours << 7 | minutes << 1 | halves
+    insert(frames, bits.GLONASS_FIELDS["frame_time"], bits.GLONASS_BITS, frame_time)
+    insert(frames, _GLONASS_DAY, bits.GLONASS_BITS, _day_of_four_years(moscow_ns))
+    superframe, frame = second_of_day // 150, second_of_day // 30 % 5 + 1
+    return tuple(glonass_words(string, superframe, frame) for string in frames.values())
+
+
+def _moscow_ns(gpst_ns):
+    return gpst_ns - _leap_at(gpst_ns) * NS_PER_S + _MOSCOW_NS
+
+
+@_once
+def _glonass_body(eph, row):
     sat, health = int(eph.sat[row]), int(eph.health[row])
     if sat // 100 != GLONASS:
         raise ValueError("messages of SBAS are not written")
-    leap_ns = _leap_at(start_ns) * NS_PER_S
-    moscow_ns = start_ns - leap_ns + _MOSCOW_NS
-    toe_ns = int(eph.toe_ns[row]) - leap_ns + _MOSCOW_NS
-    second_of_day = moscow_ns % NS_PER_DAY // NS_PER_S
-    toe_s = _exact(toe_ns % NS_PER_DAY, 900, "toe")
+    toe_s = _exact(_moscow_ns(int(eph.toe_ns[row])) % NS_PER_DAY, 900, "toe")
     if toe_s == 0:
         raise ValueError("GLONASS has no reference time at midnight of Moscow")
     values = dict(zip(STATE_COLUMNS, eph.states[row].tolist(), strict=True))
-    values |= {
-        "frame_time": (second_of_day // 3600 << 7)
-        | (second_of_day // 60 % 60 << 1)
-        | (second_of_day // 30 % 2),
-        "tb_s": toe_s,
-        "health": 4 if health & ~2 else 0,
-        "unhealthy": health >> 1 & 1,
-    }
+    values |= {"tb_s": toe_s, "health": 4 if health & ~2 else 0, "unhealthy": health >> 1 & 1}
     if math.isnan(values["delta_tau_s"]):
         values["delta_tau_s"] = 0.0
     frames = dict.fromkeys((1, 2, 3, 4), 0)
     for number in frames:
         insert(frames, _at(number, 1, 4), bits.GLONASS_BITS, number)
-    _insert_all(frames, bits.GLONASS_FIELDS, bits.GLONASS_BITS, values)
+    _insert_all(frames, _without(bits.GLONASS_FIELDS, "frame_time"), bits.GLONASS_BITS, values)
     insert(frames, _GLONASS_INTERVAL, bits.GLONASS_BITS, 1)
-    insert(frames, _GLONASS_DAY, bits.GLONASS_BITS, _day_of_four_years(moscow_ns))
     insert(frames, _GLONASS_SLOT, bits.GLONASS_BITS, sat % 100)
     insert(frames, _GLONASS_KIND, bits.GLONASS_BITS, 1)
-    superframe, frame = second_of_day // 150, second_of_day // 30 % 5 + 1
-    return tuple(glonass_words(frames[k], superframe, frame) for k in (1, 2, 3, 4))
+    return tuple(frames.values())
 
 
 def _day_of_four_years(moscow_ns):
