@@ -6,9 +6,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from truenorth.errors import FormatError
+from truenorth.formats.blocks import join_observations
 from truenorth.formats.compression import unpack
 from truenorth.formats.registry import sniff_bytes
-from truenorth.formats.rinex_obs import parse_rinex_obs
+from truenorth.formats.rinex_obs import RinexObservationBlocks, parse_rinex_obs
 
 RINEX3 = """\
      3.04           OBSERVATION DATA    M                   RINEX VERSION / TYPE
@@ -60,6 +61,7 @@ a comment                                                   COMMENT
         43.000
 """  # fmt: skip
 
+HEADER = RINEX3.partition("> ")[0].encode()
 SAMPLES = [RINEX3.encode(), RINEX2.encode(), RINEX3.replace("\n", "\r\n").encode()]
 
 
@@ -75,6 +77,11 @@ def check(data):
     except FormatError as error:
         expect_one_sentence(error)
         return None
+    return well_formed(obs)
+
+
+def well_formed(obs):
+    """The observations, after a look at all that the container promises."""
     n = obs.n_rows
     assert obs.epoch_start[0] == 0
     assert obs.epoch_start[-1] == n
@@ -158,6 +165,48 @@ def test_damaged_text_byte_by_byte_is_the_same(data):
         assert fast.meta.warnings == slow.meta.warnings
         for name in ("time_ns", "sat", "signal", "code_m", "phase_cyc", "doppler_hz", "cn0_dbhz", "lli"):
             np.testing.assert_array_equal(getattr(fast, name), getattr(slow, name))
+
+
+def check_blocks(data, piece_bytes, block_epochs):
+    """Blocks read from pieces of the text are well formed, and together the whole where nothing is damaged.
+
+    Where lines are missing, the end of a piece of text may end an epoch that would otherwise have taken the
+    lines of the next one.
+    """
+    try:
+        opened = RinexObservationBlocks(
+            lambda: (data[k : k + piece_bytes] for k in range(0, len(data), piece_bytes)), path="x"
+        )
+        first = range(0, opened.n_epochs, block_epochs)
+        blocks = list(opened.ranges((k, min(k + block_epochs, opened.n_epochs)) for k in first))
+    except FormatError as error:
+        expect_one_sentence(error)
+        return None
+    joined = join_observations([well_formed(block) for block in blocks] or [parse_rinex_obs(HEADER)])
+    assert joined.time_ns.tolist() == opened.time_ns.tolist()
+    assert set(joined.sat.tolist()) <= set(opened.sat.tolist())
+    whole = check(data)
+    if whole is not None and not whole.meta.warnings:
+        assert opened.meta == whole.meta
+        assert joined.epoch_start.tolist() == whole.epoch_start.tolist()
+        for name in ("time_ns", "sat", "signal", "code_m", "phase_cyc", "doppler_hz", "cn0_dbhz", "lli"):
+            np.testing.assert_array_equal(getattr(joined, name), getattr(whole, name))
+        np.testing.assert_array_equal(joined.clock_offset_s, whole.clock_offset_s)
+        assert joined.events == whole.events
+    return joined
+
+
+@pytest.mark.parametrize("data", SAMPLES)
+@pytest.mark.parametrize("block_epochs", [1, 2, 5])
+@pytest.mark.parametrize("piece_bytes", [1, 7, 100, 10_000])
+def test_blocks_of_a_sound_text(data, piece_bytes, block_epochs):
+    assert check_blocks(data, piece_bytes, block_epochs) is not None
+
+
+@given(mutated(), st.integers(1, 3000), st.integers(1, 4))
+@settings(max_examples=300)
+def test_blocks_of_a_damaged_text(data, piece_bytes, block_epochs):
+    check_blocks(data, piece_bytes, block_epochs)
 
 
 @pytest.mark.parametrize("data", SAMPLES)

@@ -9,7 +9,7 @@ import pytest
 
 from truenorth.errors import FormatError
 from truenorth.formats import compression
-from truenorth.formats.compression import read_bytes, unpack
+from truenorth.formats.compression import read_bytes, read_pieces, unpack
 
 PLAIN = b"".join(b"line %06d of something that packs\n" % k for k in range(4000))
 
@@ -47,6 +47,40 @@ def test_packings(kind, tmp_path):
     path.write_bytes(PACKED[kind])
     assert read_bytes(path) == PLAIN
     assert read_bytes(str(path)) == PLAIN
+
+
+@pytest.mark.parametrize("kind", PACKED)
+@pytest.mark.parametrize("size", [50, 4096, 10**7])
+def test_packings_in_pieces(kind, size, tmp_path):
+    path = tmp_path / "a.obs"
+    path.write_bytes(PACKED[kind])
+    pieces = list(read_pieces(path, size))
+    assert b"".join(pieces) == PLAIN
+    assert all(pieces)
+    if (kind.startswith("gzip") and kind != "gzip in zip") or kind == "plain":
+        assert max(map(len, pieces)) <= size
+
+
+def test_the_end_of_a_well_packed_piece_is_not_lost(tmp_path):
+    # A few packed bytes hold many plain ones: the last pieces come when all packed bytes are taken.
+    path = tmp_path / "a.gz"
+    path.write_bytes(gzip.compress(bytes(10**6)))
+    assert b"".join(read_pieces(path, 1000)) == bytes(10**6)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_cut_off_gzip_in_pieces(share, tmp_path):
+    path = tmp_path / "a.gz"
+    path.write_bytes(PACKED["gzip"][: int(share * len(PACKED["gzip"]))])
+    with pytest.raises(FormatError, match=r"cannot be unpacked .*; fetch the file again"):
+        list(read_pieces(path, 100))
+
+
+def test_pieces_of_a_file_that_cannot_be_read(tmp_path):
+    (tmp_path / "empty").write_bytes(b"")
+    for path, sentence in ((tmp_path / "none", "no such file"), (tmp_path / "empty", "the file is empty")):
+        with pytest.raises(FormatError, match=sentence):
+            next(read_pieces(path))
 
 
 @pytest.mark.parametrize("kind", ["gzip", "bzip2", "zip"])

@@ -8,11 +8,13 @@ References: RFC 1952; Y. Hatanaka, "A compression format and tools for GNSS obse
 Bulletin of the Geographical Survey Institute 55, 2008.
 """
 
+from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 
 from ..errors import FormatError
 
-__all__ = ["MAX_EXPANSION", "MAX_PLAIN_BYTES", "open_for_writing", "read_bytes", "unpack"]
+__all__ = ["MAX_EXPANSION", "MAX_PLAIN_BYTES", "open_for_writing", "read_bytes", "read_pieces", "unpack"]
 
 MAX_PLAIN_BYTES = 16 * 2**30
 """No file may unpack to more than this."""
@@ -21,6 +23,9 @@ MAX_EXPANSION = 200
 """Nor to more than this many times its own size; real observation files stay under 40."""
 
 _ALWAYS_ALLOWED = 64 * 2**20
+
+PIECE_BYTES = 2**22
+"""Text that is in memory at a time when a file is read in pieces."""
 
 _GZIP, _COMPRESS, _BZIP2, _ZIP = b"\x1f\x8b", b"\x1f\x9d", b"BZh", b"PK\x03\x04"
 _CRINEX_LABEL = b"CRINEX VERS   / TYPE"
@@ -45,8 +50,17 @@ def read_bytes(path):
     FormatError
         If the file cannot be opened, is empty, or its packing is damaged.
     """
+    with _open(path) as file:
+        data = file.read()
+    return unpack(data, path=path)
+
+
+@contextmanager
+def _open(path):
+    """Open a file, and say it in a sentence when it cannot be read."""
     try:
-        data = Path(path).read_bytes()
+        with Path(path).open("rb") as file:
+            yield file
     except FileNotFoundError:
         raise FormatError("there is no such file; check the name", path=path) from None
     except IsADirectoryError:
@@ -54,7 +68,69 @@ def read_bytes(path):
     except OSError as problem:
         reason = problem.strerror or type(problem).__name__
         raise FormatError(f"the file cannot be opened ({reason}); check the path", path=path) from None
-    return unpack(data, path=path)
+
+
+def read_pieces(path, size=PIECE_BYTES):
+    """Read a file piece after piece, unpacked.
+
+    Plain and gzipped text is unpacked as it is read; what is packed otherwise, and Hatanaka, is unpacked
+    whole, as one piece.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        The file.
+    size : int
+        Most bytes of a piece.
+
+    Yields
+    ------
+    bytes
+        Never empty.
+
+    Raises
+    ------
+    FormatError
+        As `read_bytes`; damage within a gzipped file only when it is reached.
+    """
+    with _open(path) as file:
+        pieces = iter(lambda: file.read(size), b"")
+        first = next(pieces, b"")
+        if first.startswith(_GZIP):
+            pieces = _gunzip_pieces(chain((first,), pieces), size, path)
+            first = next(pieces, b"")
+        is_packed = first.startswith((_GZIP, _BZIP2, _COMPRESS, _ZIP)) or first[60:80] == _CRINEX_LABEL
+        if first and not is_packed:
+            yield first
+            yield from pieces
+            return
+    yield read_bytes(path)
+
+
+def _gunzip_pieces(packed, size, path):
+    """Plain pieces of gzipped ones; as in `_inflate_members`, members follow each other."""
+    import zlib
+
+    machine, total = zlib.decompressobj(31), 0
+    for piece in packed:
+        plain = b""
+        while piece or len(plain) == size:  # a full piece may leave more inside
+            if machine.eof:
+                if not piece.startswith(_GZIP[: len(piece)]):
+                    return  # padding after the last member
+                machine = zlib.decompressobj(31)
+            try:
+                plain = machine.decompress(piece, size)
+            except zlib.error as problem:
+                raise _damaged("gzip", path, str(problem)) from None
+            piece = machine.unused_data if machine.eof else machine.unconsumed_tail
+            total += len(plain)
+            if plain:
+                yield plain
+            if machine.eof and not piece:
+                break
+    if not machine.eof:
+        raise _damaged("gzip", path, f"it is cut off after {total} plain bytes")
 
 
 def open_for_writing(path):

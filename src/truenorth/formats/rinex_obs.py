@@ -1,6 +1,8 @@
 """RINEX observation files, versions 2.10 to 4.02.
 
-The header is read in Python, the body in one compiled pass (`truenorth._kernels.rinex_obs`).
+The header is read in Python, the body in one compiled pass (`truenorth._kernels.rinex_obs`). A long file
+is read in blocks of epochs from pieces of its text (`RinexObservationBlocks`); a file read at once is one
+block of one piece.
 
 - A row is one signal of one satellite at one epoch. It exists when at least one of code, phase,
   Doppler and C/N0 is there; blank and zero values are NaN.
@@ -49,7 +51,7 @@ from ..observations import (
 )
 from ..timescales import BDT_OFFSET_NS, format_gpst, gpst_from_utc_ns
 
-__all__ = ["parse_rinex_obs", "read_rinex_obs"]
+__all__ = ["RinexObservationBlocks", "parse_rinex_obs", "read_rinex_obs"]
 
 FORMAT = "rinex_obs"
 
@@ -63,6 +65,8 @@ _LABELS_OF_COLUMNS = {
 _MAX_HEADER_LINES = 100_000
 _MAX_WARNINGS = 50
 _MAX_TYPES = 999
+_SURVEY_EPOCHS = 4096
+_LONGEST_EPOCH = 16 * 2**20
 _TIME_SYSTEMS = {"GPS": 0, "GAL": 0, "QZS": 0, "IRN": 0, "BDT": BDT_OFFSET_NS, "GLO": None, "UTC": None}
 _TIME_SYSTEM_OF_FILE = {"R": "GLO", "E": "GAL", "C": "BDT", "J": "QZS", "I": "IRN"}
 
@@ -146,9 +150,97 @@ def parse_rinex_obs(data, *, path=None):
     FormatError
         If the header is not that of a RINEX observation file, or no epoch of the body can be read.
     """
-    header, body_at = _read_header(data, path)
-    columns = _read_body(data, body_at, header, path)
-    return _assemble(header, columns, path)
+    body = _Body((data,), path)
+    epochs, rows, events = body.read()
+    body.judge()
+    time_ns = _to_gpst(epochs["time_ns"], body.header)
+    keep = _increasing(time_ns, body.header)
+    finish = _Finish(body.header, path)
+    observations = finish(time_ns, epochs, rows, events)
+    return observations if keep is None else observations.select_epochs(keep)
+
+
+class RinexObservationBlocks:
+    """A RINEX observation file in blocks of epochs, whose text is never in memory as a whole.
+
+    Opening goes through the whole file once, for the times of all epochs; what the header and later header
+    records say, and what had to be mended, is then known and the same for every block.
+
+    Parameters
+    ----------
+    pieces : callable
+        Returns an iterator of the consecutive pieces of the unpacked text, from its beginning.
+    path : str or os.PathLike, optional
+        Name of the file, for messages and metadata.
+
+    Attributes
+    ----------
+    time_ns : ndarray of int64, shape (n_epochs,)
+        Of all epochs, as in `Observations`.
+    sat : ndarray of int16
+        Satellites of the file, each once.
+    meta : ObservationMeta
+        As of the whole file.
+
+    Raises
+    ------
+    FormatError
+        As `parse_rinex_obs`.
+    """
+
+    def __init__(self, pieces, path=None):
+        self._pieces, self._path = pieces, path
+        body = _Body(pieces(), path)
+        times, seen = [], np.zeros(100 * len(SYSTEMS), bool)
+        while not times or len(times[-1]):
+            epochs, rows, _ = body.read(_SURVEY_EPOCHS)
+            times.append(epochs["time_ns"])
+            seen[rows["sat"]] = True
+        body.judge()
+        self.time_ns = _to_gpst(np.concatenate(times), body.header)
+        self._keep = _increasing(self.time_ns, body.header)
+        if self._keep is not None:
+            self.time_ns = self.time_ns[self._keep]
+        self._finish = _Finish(body.header, path)
+        self.sat = np.flatnonzero(seen).astype(np.int16)
+        self.meta = self._finish.meta
+
+    @property
+    def n_epochs(self):
+        """int: Number of epochs."""
+        return len(self.time_ns)
+
+    def ranges(self, ranges):
+        """Read ranges of epochs, in one more pass over the file.
+
+        Parameters
+        ----------
+        ranges : iterable of tuple of int
+            First epoch and the one after the last, of each block; increasing, none empty.
+
+        Yields
+        ------
+        Observations
+            With the metadata and channels of the whole file, and the events of the block.
+        """
+        body = _Body(self._pieces(), self._path)
+        at = 0
+        for first, stop in ranges:
+            kept = np.arange(first, stop) if self._keep is None else self._keep[first:stop]
+            while at < kept[0]:
+                step = min(int(kept[0]) - at, _SURVEY_EPOCHS)
+                body.read(step)
+                at += step
+            epochs, rows, events = body.read(int(kept[-1]) + 1 - at)
+            block = self._finish(_to_gpst(epochs["time_ns"], self._finish.header), epochs, rows, events)
+            if self._keep is not None:
+                block = block.select_epochs((kept - at)[kept - at < block.n_epochs])
+            at = int(kept[-1]) + 1
+            if not np.array_equal(block.time_ns, self.time_ns[first:stop]):
+                raise FormatError(
+                    "the file changed while it was read; read it again when it is complete", path=self._path
+                )
+            yield block
 
 
 # --------------------------------------------------------------------------------------- header
@@ -505,53 +597,213 @@ _ROW_COLUMNS = {
 }
 
 
-def _read_body(data, body_at, header, path):
-    """Run the kernel over the body, from event record to event record."""
-    from .._kernels import rinex_obs as body
-    from .._kernels.jit import IS_COMPILED
+class _Body:
+    """The body of a file, read with the kernel from event record to event record.
 
-    text = np.frombuffer(data, dtype=np.uint8)
-    # The 64-bit integer at every byte, without a copy. Without the JIT its wrap-around would warn.
-    words = np.ndarray((len(data) - 7,), dtype="<u8", buffer=data, strides=(1,))
-    swift = IS_COMPILED and sys.byteorder == "little"
-    state = np.zeros(body.STATE_SIZE, dtype=np.int64)
-    state[body.POSITION] = body_at
-    state[[body.BAD_FIELD_AT, body.BAD_LINE_AT, body.SHORT_EPOCH_AT]] = -1
-    n_bytes = len(data) - body_at
-    epochs = {k: np.empty(n_bytes // 2000 + 256, dtype=t) for k, t in _EPOCH_COLUMNS.items()}
-    rows = {k: np.empty(n_bytes // 50 + 4096, dtype=t) for k, t in _ROW_COLUMNS.items()}
-    epochs["start"][0] = 0
-    blank_system = SYSTEMS.find(header.file_system) if header.file_system.strip() else GPS
-    if header.old and blank_system < 0:
-        blank_system = GPS
-    tables = _tables(header)
-    line_number = _LineCounter(data)
-    events = []
-    while True:
-        lines_per_sat, *columns = tables
-        body.parse_body(
-            text, words, swift, state,
-            header.old, header.version >= 4.01, blank_system, _LETTERS, lines_per_sat, *columns,
-            *epochs.values(), *rows.values(),
-        )  # fmt: skip
-        if state[body.OUTCOME] == body.EVENT:
-            if _take_event(data, state, header, lines_per_sat, events, path, line_number):
-                tables = _tables(header)
-        elif state[body.OUTCOME] == body.GROW:
-            needed = int(state[body.N_ROWS] + state[body.EVENT_COUNT] * columns[1].shape[1])
-            _grow(rows, needed)
-            _grow(epochs, int(state[body.N_EPOCHS]) + 2)
-        else:
-            break
-    _judge(data, body_at, state, header, path)
-    n_epochs, n_rows = int(state[body.N_EPOCHS]), int(state[body.N_ROWS])
-    # Shrinking gives the unused pages back without a copy.
-    for name, column in rows.items():
-        column.resize(n_rows, refcheck=False)
-        rows[name] = column
-    for name, column in epochs.items():
-        column.resize(n_epochs + (name == "start"), refcheck=False)
-    return epochs, rows, events
+    Parameters
+    ----------
+    pieces : iterable of bytes
+        The text. It is handed to the kernel up to the last epoch that begins in what has come, so that an
+        epoch and its lines are never apart.
+    path : str or os.PathLike, optional
+        For messages.
+    """
+
+    def __init__(self, pieces, path):
+        from .._kernels import rinex_obs as body
+
+        self._path = path
+        self._pieces = iter(pieces)
+        self._next = next(self._pieces, None)
+        self._lines_before = 0
+        self._first_line = {}
+        self._rows_per_epoch = 64.0
+        self.n_epochs = 0
+        text = self._follow(b"")
+        while self._next is not None and b"END OF HEADER" not in text and len(text) < _LONGEST_EPOCH:
+            text = self._follow(text)
+        self.header, body_at = _read_header(text, path)
+        self._tables = _tables(self.header)
+        self._blank_system = SYSTEMS.find(self.header.file_system) if self.header.file_system.strip() else GPS
+        if self.header.old and self._blank_system < 0:
+            self._blank_system = GPS
+        self._state = np.zeros(body.STATE_SIZE, dtype=np.int64)
+        # Slots of the state that are places in the text.
+        self._places = (body.BAD_FIELD_AT, body.BAD_LINE_AT, body.SHORT_EPOCH_AT)
+        self._state[list(self._places)] = -1
+        self._load(text, body_at)
+
+    def _follow(self, text):
+        """The text and the piece that follows it."""
+        text, self._next = text + (self._next or b""), next(self._pieces, None)
+        return text
+
+    def _load(self, text, body_at):
+        """Give the kernel the text up to the last epoch that begins in it, or all of it at the end."""
+        from .._kernels import rinex_obs as body
+
+        cut = len(text)
+        while self._next is not None:
+            cut = _last_epoch(text, body_at, self.header.old)
+            if cut > body_at:
+                break
+            text = self._follow(text)
+            cut = len(text)
+        self._data, self._rest = text[:cut], text[cut:]
+        data = self._data.ljust(8, b"\n")
+        self._text = np.frombuffer(data, dtype=np.uint8)
+        # The 64-bit integer at every byte, without a copy. Without the JIT its wrap-around would warn.
+        self._words = np.ndarray((len(data) - 7,), dtype="<u8", buffer=data, strides=(1,))
+        self._counted = (0, 1)
+        self._state[body.POSITION] = body_at
+
+    def _next_piece(self):
+        """Go on with the text that follows; false at the end of the file."""
+        if self._next is None and not self._rest:
+            return False
+        self._note_lines()
+        self._lines_before += self._data.count(b"\n")
+        self._load(self._rest if self._next is None else self._follow(self._rest), 0)
+        return True
+
+    def _line_number(self, position):
+        """Line of a position in the text at hand, which only grows from call to call."""
+        before, number = self._counted
+        if position < before:
+            before, number = 0, 1
+        number += self._data.count(b"\n", before, position)
+        self._counted = position, number
+        return self._lines_before + number
+
+    def _note_lines(self):
+        """Keep the line numbers of places that are only positions in the text at hand."""
+        for place in self._places:
+            if self._state[place] >= 0 and place not in self._first_line:
+                self._first_line[place] = self._line_number(int(self._state[place]))
+
+    def read(self, most=None):
+        """Columns of the next epochs and of their rows, and the event records among them.
+
+        Parameters
+        ----------
+        most : int, optional
+            Epochs to read; all that are left by default.
+
+        Returns
+        -------
+        epochs, rows : dict of str to ndarray
+            Columns; ``time_ns`` in the time scale of the file.
+        events : list of tuple
+            (index of the epoch that follows in this block, time or None, flag, text).
+        """
+        from .._kernels import rinex_obs as body
+        from .._kernels.jit import IS_COMPILED
+
+        state, header = self._state, self.header
+        swift = IS_COMPILED and sys.byteorder == "little"
+        n_bytes = len(self._data) - state[body.POSITION]
+        n_epochs = n_bytes // 2000 + 256 if most is None else most + 1
+        n_rows = n_bytes // 50 + 4096 if most is None else int(1.1 * most * self._rows_per_epoch) + 4096
+        epochs = {k: np.empty(n_epochs, dtype=t) for k, t in _EPOCH_COLUMNS.items()}
+        rows = {k: np.empty(n_rows, dtype=t) for k, t in _ROW_COLUMNS.items()}
+        epochs["start"][0] = 0
+        state[[body.N_EPOCHS, body.N_ROWS]] = 0
+        events = []
+        while True:
+            lines_per_sat, *columns = self._tables
+            body.parse_body(
+                self._text, self._words, swift, state,
+                header.old, header.version >= 4.01, self._blank_system, _LETTERS, lines_per_sat, *columns,
+                *epochs.values(), *rows.values(),
+            )  # fmt: skip
+            if state[body.OUTCOME] == body.EVENT:
+                if self._take_event(events):
+                    self._tables = _tables(header)
+            elif state[body.OUTCOME] == body.GROW:
+                if most is not None and state[body.N_EPOCHS] >= most:
+                    break
+                needed = int(state[body.N_ROWS] + state[body.EVENT_COUNT] * columns[1].shape[1])
+                _grow(rows, needed)
+                if most is None:
+                    _grow(epochs, int(state[body.N_EPOCHS]) + 2)
+            elif not self._next_piece():
+                break
+        n_epochs, n_rows = int(state[body.N_EPOCHS]), int(state[body.N_ROWS])
+        self.n_epochs += n_epochs
+        self._rows_per_epoch = n_rows / max(n_epochs, 1)
+        # Shrinking gives the unused pages back without a copy.
+        for column in rows.values():
+            column.resize(n_rows, refcheck=False)
+        for name, column in epochs.items():
+            column.resize(n_epochs + (name == "start"), refcheck=False)
+        return epochs, rows, events
+
+    def _take_event(self, events):
+        """Consume one event record; true when the columns may have changed."""
+        from .._kernels import rinex_obs as body
+
+        state, header, data = self._state, self.header, self._data
+        flag, count = int(state[body.EVENT_FLAG]), int(state[body.EVENT_COUNT])
+        pos = int(state[body.POSITION])
+        n_lines = count
+        if flag == 6:
+            n_lines = count * self._tables[0] + (max(0, (count - 1) // 12) if header.old else 0)
+        lines = []
+        while len(lines) < n_lines and pos < len(data):
+            end = data.find(b"\n", pos)
+            end = len(data) if end < 0 else end
+            line = data[pos:end].decode("latin-1").rstrip("\r")
+            if _begins_body(line, header.old):
+                break
+            lines.append(line)
+            pos = end + 1
+        # What follows the text at hand begins with an epoch, too.
+        if len(lines) < n_lines and (pos < len(data) or self._rest or self._next is not None):
+            number = self._line_number(pos)
+            header.warnings.append(f"line {number}: an event record has fewer lines than it says")
+        state[body.POSITION] = min(pos, len(data))
+        time = int(state[body.EVENT_TIME])
+        text = "\n".join(x.rstrip() for x in lines)
+        events.append((int(state[body.N_EPOCHS]), None if time == body.NO_TIME else time, flag, text))
+        if flag == 6 or not lines:
+            return False
+        number = self._line_number(int(state[body.EVENT_AT]))
+        labels = [line[60:80].strip() for line in lines]
+        for k, (line, label) in enumerate(zip(lines, labels, strict=True)):
+            _read_header_line(line, label, header, self._path, number + 1 + k)
+        return not _LABELS_OF_COLUMNS.isdisjoint(labels)
+
+    def judge(self):
+        """Turn the counts of the whole body into warnings, or an error when nothing could be read."""
+        from .._kernels import rinex_obs as body
+
+        state, header = self._state, self.header
+        self._note_lines()
+        if self.n_epochs == 0:
+            if state[body.BAD_LINES] > 0:
+                raise FormatError(
+                    "no epoch can be read: this line is not an epoch of a RINEX "
+                    f"{header.version_text} observation file; check the version in the first line",
+                    path=self._path,
+                    line_number=self._first_line[body.BAD_LINE_AT],
+                )
+            header.warnings.append("the file holds a header and no observations")
+        for count, at, what in (
+            (body.BAD_FIELDS, body.BAD_FIELD_AT, "{} values cannot be read and are left out"),
+            (body.BAD_LINES, body.BAD_LINE_AT, "{} lines cannot be read and are left out"),
+            (body.SHORT_EPOCHS, body.SHORT_EPOCH_AT, "{} epochs have fewer satellites than they announce"),
+        ):
+            if state[count] > 0:
+                place = self._first_line[at]
+                header.warnings.append(what.format(int(state[count])) + f" (first in line {place})")
+        if state[body.LAST_GOT] < state[body.LAST_EXPECTED]:
+            got, expected = state[body.LAST_GOT], state[body.LAST_EXPECTED]
+            header.warnings.append(f"the last epoch is cut off: {got} of {expected} satellites kept")
+        if state[body.UNDECLARED] > 0:
+            header.warnings.append(
+                f"{state[body.UNDECLARED]} satellite lines of systems without declared observation types "
+                "skipped"
+            )
 
 
 def _grow(columns, needed):
@@ -559,80 +811,23 @@ def _grow(columns, needed):
         column.resize(max(needed, len(column) + len(column) // 2), refcheck=False)
 
 
-class _LineCounter:
-    """Line number of positions that only grow, without counting from the start each time."""
-
-    def __init__(self, data):
-        self._data, self._position, self._number = data, 0, 1
-
-    def __call__(self, position):
-        if position < self._position:
-            return self._data.count(b"\n", 0, position) + 1
-        self._number += self._data.count(b"\n", self._position, position)
-        self._position = position
-        return self._number
-
-
-def _take_event(data, state, header, lines_per_sat, events, path, line_number):
-    """Consume one event record; true when the columns may have changed."""
-    from .._kernels import rinex_obs as body
-
-    flag, count = int(state[body.EVENT_FLAG]), int(state[body.EVENT_COUNT])
-    pos = int(state[body.POSITION])
-    n_lines = count
-    if flag == 6:
-        n_lines = count * lines_per_sat + (max(0, (count - 1) // 12) if header.old else 0)
-    lines = []
-    while len(lines) < n_lines and pos < len(data):
-        end = data.find(b"\n", pos)
-        end = len(data) if end < 0 else end
-        line = data[pos:end].decode("latin-1").rstrip("\r")
-        if _begins_body(line, header.old):
-            header.warnings.append(f"line {line_number(pos)}: an event record has fewer lines than it says")
+def _last_epoch(text, after, old):
+    """Where the last epoch (or event) of a text begins, the last line apart; `after` or less where none."""
+    end = text.rfind(b"\n", after)
+    if not old:
+        found = text.rfind(b"\n> ", after) + 1
+        if found > after:
+            return found
+        end = after
+    while end > after:
+        start = text.rfind(b"\n", after, end) + 1
+        if start <= after:
             break
-        lines.append(line)
-        pos = end + 1
-    state[body.POSITION] = min(pos, len(data))
-    time = int(state[body.EVENT_TIME])
-    text = "\n".join(x.rstrip() for x in lines)
-    events.append((int(state[body.N_EPOCHS]), None if time == body.NO_TIME else time, flag, text))
-    if flag == 6 or not lines:
-        return False
-    number = line_number(int(state[body.EVENT_AT]))
-    labels = [line[60:80].strip() for line in lines]
-    for k, (line, label) in enumerate(zip(lines, labels, strict=True)):
-        _read_header_line(line, label, header, path, number + 1 + k)
-    return not _LABELS_OF_COLUMNS.isdisjoint(labels)
-
-
-def _judge(data, body_at, state, header, path):
-    """Turn the kernel's counts into warnings, or into an error when nothing could be read."""
-    from .._kernels import rinex_obs as body
-
-    if state[body.N_EPOCHS] == 0:
-        if state[body.BAD_LINES] > 0:
-            raise FormatError(
-                "no epoch can be read: this line is not an epoch of a RINEX "
-                f"{header.version_text} observation file; check the version in the first line",
-                path=path,
-                line_number=_LineCounter(data)(int(state[body.BAD_LINE_AT])),
-            )
-        header.warnings.append("the file holds a header and no observations")
-    for count, at, what in (
-        (body.BAD_FIELDS, body.BAD_FIELD_AT, "{} values cannot be read and are left out"),
-        (body.BAD_LINES, body.BAD_LINE_AT, "{} lines cannot be read and are left out"),
-        (body.SHORT_EPOCHS, body.SHORT_EPOCH_AT, "{} epochs have fewer satellites than they announce"),
-    ):
-        if state[count] > 0:
-            place = _LineCounter(data)(int(state[at]))
-            header.warnings.append(what.format(int(state[count])) + f" (first in line {place})")
-    if state[body.LAST_GOT] < state[body.LAST_EXPECTED]:
-        got, expected = state[body.LAST_GOT], state[body.LAST_EXPECTED]
-        header.warnings.append(f"the last epoch is cut off: {got} of {expected} satellites kept")
-    if state[body.UNDECLARED] > 0:
-        header.warnings.append(
-            f"{state[body.UNDECLARED]} satellite lines of systems without declared observation types skipped"
-        )
+        if _begins_body(text[start:end].decode("latin-1").rstrip("\r"), True):
+            return start
+        end = start - 1
+    # Megabytes without an epoch are no observations: any line will do.
+    return text.rfind(b"\n", after) + 1 if len(text) - after > _LONGEST_EPOCH else 0
 
 
 # --------------------------------------------------------------------------------------- result
@@ -650,15 +845,16 @@ def _to_gpst(time_ns, header):
     return gpst_from_utc_ns(time_ns) if offset is None else time_ns + offset
 
 
-def _increasing(time_ns):
-    """Largest set of epochs in increasing order: the first of equal ones, and no outliers."""
+def _increasing(time_ns, header):
+    """Indices of the epochs to keep, or None for all: the first of equal ones, and no outliers.
+
+    The largest set in increasing order; what is dropped is said in the warnings of the header.
+    """
     from bisect import bisect_left
 
-    first = np.ones(len(time_ns), dtype=bool)
-    _, index = np.unique(time_ns, return_index=True)
-    first[:] = False
-    first[index] = True
-    candidates = np.flatnonzero(first)
+    if len(time_ns) < 2 or np.all(np.diff(time_ns) > 0):
+        return None
+    candidates = np.sort(np.unique(time_ns, return_index=True)[1])
     times = time_ns[candidates].tolist()
     tails, tail_at, before = [], [], []
     for k, time in enumerate(times):  # patience sorting
@@ -671,49 +867,27 @@ def _increasing(time_ns):
     while k >= 0:
         chain.append(k)
         k = before[k]
-    return candidates[chain[::-1]]
+    keep = candidates[chain[::-1]]
+    dropped = np.setdiff1d(np.arange(len(time_ns)), keep)
+    header.warnings.append(
+        f"{len(dropped)} epochs repeat a time or go back in time and are dropped "
+        f"(first: {format_gpst(time_ns[dropped[0]])} GPST)"
+    )
+    return keep
 
 
-def _assemble(header, columns, path):
-    epochs, rows, events = columns
-    time_ns = _to_gpst(epochs["time_ns"], header)
-    start, lli = epochs["start"], rows["lli"]
-    for k in np.flatnonzero(epochs["flag"] == 1):
-        part = slice(start[k], start[k + 1])
-        lli[part][np.isfinite(rows["phase_cyc"][part])] |= LLI_SLIP
-        events.append((int(k), int(epochs["time_ns"][k]), 1, "power failure before this epoch"))
-    events.sort(key=lambda event: (event[0], event[2] == 1))  # file order
-    keep = None
-    if len(time_ns) > 1 and not np.all(np.diff(time_ns) > 0):
-        keep = _increasing(time_ns)
-        dropped = np.setdiff1d(np.arange(len(time_ns)), keep)
-        header.warnings.append(
-            f"{len(dropped)} epochs repeat a time or go back in time and are dropped "
-            f"(first: {format_gpst(time_ns[dropped[0]])} GPST)"
-        )
-    warnings = header.warnings[:_MAX_WARNINGS]
-    if len(header.warnings) > _MAX_WARNINGS:
-        warnings.append(f"and {len(header.warnings) - _MAX_WARNINGS} more warnings")
-    glonass_channel = np.full(100, NO_CHANNEL, dtype=np.int8)
-    for slot, channel in header.channels.items():
-        glonass_channel[slot] = channel
-    observations = Observations(
-        time_ns=time_ns,
-        epoch_start=start,
-        sat=rows["sat"],
-        signal=rows["signal"],
-        code_m=rows["code_m"],
-        phase_cyc=rows["phase_cyc"],
-        doppler_hz=rows["doppler_hz"],
-        cn0_dbhz=rows["cn0_dbhz"],
-        lli=lli,
-        clock_offset_s=epochs["clock_s"],
-        glonass_channel=glonass_channel,
-        events=tuple(
-            ObservationEvent(None if t is None else int(_to_gpst(t, header)), flag, text)
-            for _, t, flag, text in events
-        ),
-        meta=ObservationMeta(
+class _Finish:
+    """Columns of the kernel as `Observations`, with what the whole file says about itself."""
+
+    def __init__(self, header, path):
+        self.header = header
+        warnings = header.warnings[:_MAX_WARNINGS]
+        if len(header.warnings) > _MAX_WARNINGS:
+            warnings.append(f"and {len(header.warnings) - _MAX_WARNINGS} more warnings")
+        self._glonass_channel = np.full(100, NO_CHANNEL, dtype=np.int8)
+        for slot, channel in header.channels.items():
+            self._glonass_channel[slot] = channel
+        self.meta = ObservationMeta(
             path="" if path is None else str(path),
             format=FORMAT,
             version=header.version_text,
@@ -721,6 +895,24 @@ def _assemble(header, columns, path):
             glonass_code_phase_bias_m=header.glonass_bias,
             warnings=tuple(warnings),
             **header.meta,
-        ),
-    )
-    return observations if keep is None else observations.select_epochs(keep)
+        )
+
+    def __call__(self, time_ns, epochs, rows, events):
+        start, lli = epochs["start"], rows["lli"]
+        for k in np.flatnonzero(epochs["flag"] == 1):
+            part = slice(start[k], start[k + 1])
+            lli[part][np.isfinite(rows["phase_cyc"][part])] |= LLI_SLIP
+            events.append((int(k), int(epochs["time_ns"][k]), 1, "power failure before this epoch"))
+        events.sort(key=lambda event: (event[0], event[2] == 1))  # file order
+        return Observations(
+            time_ns=time_ns,
+            epoch_start=start,
+            **rows,
+            clock_offset_s=epochs["clock_s"],
+            glonass_channel=self._glonass_channel,
+            events=tuple(
+                ObservationEvent(None if t is None else int(_to_gpst(t, self.header)), flag, text)
+                for _, t, flag, text in events
+            ),
+            meta=self.meta,
+        )
