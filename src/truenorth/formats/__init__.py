@@ -10,15 +10,9 @@ from typing import Any
 from .registry import FORMATS, read, read_navigation, read_observations, sniff
 
 _LAZY = {
-<<<<<<< Updated upstream
     "FogCoding": "fog_packet",
-=======
-    "RinexObservationWriter": "rinex_obs_writer",
-    "write_rinex_navigation": "rinex_nav_writer",
-    "TableWriter": "sensor_table",
     "iter_observations": "blocks",
     "open_observations": "blocks",
->>>>>>> Stashed changes
     "parse_antex": "antex",
     "phase_centre_correction_m": "antex",
     "read_antex": "antex",
