@@ -59,4 +59,5 @@ def solve_session(
             progress=progress,
             keep_residuals=keep_residuals,
         )
-    return solve_baseline(*paths, navigation, settings=session.settings, progress=progress)
+    base, rover = paths
+    return solve_baseline(base, rover, navigation, settings=session.settings, progress=progress)

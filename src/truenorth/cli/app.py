@@ -15,7 +15,7 @@ from .solve import solve
 __all__ = ["app"]
 
 app = typer.Typer(
-    help="Where a platform points, from the raw GNSS carrier phases of two antennas.",
+    help="Where a platform points, from the raw GNSS carrier phases of its antennas.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -159,3 +159,19 @@ def _evaluate(
         figure=figure,
         as_json=as_json,
     )
+
+
+@app.command("demo")
+@_guarded
+def _demo(
+    out: Annotated[Path, typer.Option(help="Folder to write.")] = Path("truenorth-demo"),
+    open_page: Annotated[
+        bool | None,
+        typer.Option("--open/--no-open", help="Open the page in a browser; by default on a desktop."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> int:
+    """Simulate a drive with four antennas, solve it, compare it with the truth: one page."""
+    from .demo import run_demo
+
+    return run_demo(out, open_page=open_page, as_json=as_json)

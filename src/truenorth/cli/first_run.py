@@ -5,12 +5,14 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ..config import Session
 
-__all__ = ["compile_kernels"]
+__all__ = ["compile_kernels", "compile_positions", "engine_compiled_meanwhile"]
 
 PATIENCE_S = 300.0
 """The other process may take so long; after that this one compiles what is missing itself."""
@@ -34,29 +36,48 @@ def compile_kernels(session: Session) -> float:
     float
         Wall time spent, seconds; 0 where everything had been compiled before.
     """
+    started = time.perf_counter()
+    try:
+        with engine_compiled_meanwhile() as is_needed:
+            if not is_needed:
+                return 0.0
+            compile_positions(session)
+    except Exception:
+        # Whatever is wrong with the files, the run itself says it better.
+        pass
+    return time.perf_counter() - started
+
+
+@contextmanager
+def engine_compiled_meanwhile() -> Iterator[bool]:
+    """Let a second process compile the engine while this one does something else; wait for it at the end.
+
+    Yields
+    ------
+    bool
+        Whether there was anything to compile.
+    """
     from .progress import kernels_are_compiled, mark_kernels_compiled
 
     if kernels_are_compiled():
-        return 0.0
-    started = time.perf_counter()
+        yield False
+        return
     quiet = subprocess.DEVNULL
     engine = subprocess.Popen([sys.executable, "-c", _ENGINE], stdin=quiet, stdout=quiet, stderr=quiet)
     try:
-        _compile_positions(session)
+        yield True
         if engine.wait(PATIENCE_S) == 0:
             mark_kernels_compiled()
-    except Exception:
-        # Whatever is wrong with the files, or with the other process, the run itself says it better.
-        pass
+    except subprocess.TimeoutExpired:
+        pass  # What is missing is compiled where it is needed.
     finally:
         if engine.poll() is None:
             engine.kill()
             engine.wait()
-    return time.perf_counter() - started
 
 
-def _compile_positions(session: Session) -> None:
-    """Read the base's file and position two of its epochs."""
+def compile_positions(session: Session) -> None:
+    """Read the reference's file and position two of its epochs, which compiles readers and positioning."""
     from ..formats import read_navigation, read_observations
     from ..positioning import solve_single_point
 

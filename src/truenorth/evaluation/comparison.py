@@ -102,7 +102,7 @@ class Comparison:
     @property
     def wrong_fraction(self) -> float:
         """float: Wrong epochs among the accepted ones."""
-        return float(np.count_nonzero(self.is_wrong) / max(np.count_nonzero(self.is_accepted), 1))
+        return float(np.count_nonzero(self.is_wrong) / max(int(np.count_nonzero(self.is_accepted)), 1))
 
     def to_dict(self) -> dict[str, Any]:
         """Compute all but the epochs themselves, in values that JSON can hold; angles in degrees."""
@@ -314,7 +314,9 @@ def body_vector_beside(path: str | os.PathLike[str]) -> tuple[float, float, floa
     return forward, right, down
 
 
-def _interpolated(track: Track, truth: Track, body_m, max_gap_s):
+def _interpolated(
+    track: Track, truth: Track, body_m: tuple[float, float, float] | None, max_gap_s: float | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Reference angles at the epochs that it covers, which these are, and the last reference before them."""
     angle_rad, time_ns = truth.angle_rad, truth.time_ns
     known = np.isfinite(angle_rad[:, 0]) & (truth.status >= Status.HELD)
@@ -338,7 +340,7 @@ def _interpolated(track: Track, truth: Track, body_m, max_gap_s):
     return found[covered], covered, np.flatnonzero(known)[at]
 
 
-def _normalised(error_rad, cov_rad2):
+def _normalised(error_rad: np.ndarray, cov_rad2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Normalised error squared of the angles that are known, and how many these are."""
     known = np.isfinite(error_rad) & np.isfinite(np.einsum("nii->ni", cov_rad2))
     nees, dof = np.full(len(error_rad), np.nan), np.count_nonzero(known, axis=1)
@@ -355,13 +357,15 @@ def _normalised(error_rad, cov_rad2):
     return nees, dof
 
 
-def _longest_outage_s(accepted_ns, reference_ns, interval_ns):
+def _longest_outage_s(accepted_ns: np.ndarray, reference_ns: np.ndarray, interval_ns: int) -> float:
     """Longest time between accepted epochs or to an end of the reference, beyond one interval."""
     ends = [reference_ns[0] - interval_ns, *accepted_ns, reference_ns[-1] + interval_ns]
     return max(float(np.max(np.diff(np.array(ends, dtype=np.int64))) - interval_ns) / NS_PER_S, 0.0)
 
 
-def _places(track, truth, covered, at):
+def _places(
+    track: Track, truth: Track, covered: np.ndarray, at: np.ndarray
+) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Where the platform was: by the reference, or by the solution."""
     if truth.latitude_deg is not None and truth.longitude_deg is not None:
         return truth.latitude_deg[at[covered]], truth.longitude_deg[at[covered]]
@@ -370,7 +374,7 @@ def _places(track, truth, covered, at):
     return None, None
 
 
-def _spans(time_ns, reference_ns):
+def _spans(time_ns: np.ndarray, reference_ns: np.ndarray) -> str:
     """What each covers, as the end of a sentence."""
     if len(time_ns) == 0 or len(reference_ns) == 0:
         return "; one of them is empty"
@@ -378,7 +382,7 @@ def _spans(time_ns, reference_ns):
     return f"; the solution runs from {texts[0]}, the reference from {texts[1]} GPST"
 
 
-def _finite(value):
+def _finite(value: Any) -> Any:
     """The same with None for what is not a finite number."""
     if isinstance(value, dict):
         return {key: _finite(inner) for key, inner in value.items()}
