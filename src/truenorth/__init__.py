@@ -35,6 +35,8 @@ _PUBLIC: dict[str, str | None] = {
     "solve_baseline": "attitude",
     "solve_session": "attitude",
     "solve_single_point": "positioning",
+    "simulate": "simulation",
+    "write_simulation": "simulation",
     "BaselineSolution": "attitude.solution",
     "Observations": "observations",
     "Navigation": "navigation",
