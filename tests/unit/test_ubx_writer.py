@@ -7,7 +7,7 @@ import pytest
 
 from truenorth.errors import FormatError
 from truenorth.formats import UbxWriter, read, write_ubx
-from truenorth.formats.navigation_frames import frame_start_ns, lnav_words
+from truenorth.formats.navigation_frames import as_broadcast, frame_start_ns, lnav_words
 from truenorth.formats.ubx import find_frames, parse_ubx
 from truenorth.formats.ubx_writer import encode_frame
 from truenorth.navigation import KEPLER_COLUMNS, STATE_COLUMNS, MessageType, build_navigation
@@ -257,6 +257,8 @@ def test_ionosphere_and_leap_seconds(tmp_path):
     assert skipped == {}
     np.testing.assert_array_equal(found.klobuchar["G"], coefficients)
     assert np.all(np.abs(found.klobuchar["C"] + coefficients / 2) <= steps / 2)
+    for letter, values in as_broadcast(navigation).klobuchar.items():
+        np.testing.assert_array_equal(found.klobuchar[letter], values)
     np.testing.assert_allclose(found.nequick, navigation.nequick, atol=2.0**-16)
     assert found.leap_seconds == 18
     # 12.5 minutes later they come again.

@@ -19,6 +19,7 @@ References: those of `truenorth.formats.navigation_bits`.
 
 import functools
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -37,6 +38,7 @@ from .ubx import crc24q
 
 __all__ = [
     "FRAME_NS",
+    "as_broadcast",
     "beidou_words",
     "fnav_words",
     "frame_start_ns",
@@ -641,6 +643,64 @@ def _day_of_four_years(moscow_ns):
     day = gpst_to_datetime64(moscow_ns // NS_PER_DAY * NS_PER_DAY).astype("M8[D]")
     year = int(day.astype("M8[Y]").astype(np.int64)) + 1970
     return int((day - np.datetime64(f"{year - year % 4}-01-01")).astype(np.int64)) + 1
+
+
+_FIELDS_OF_MESSAGE = {
+    MessageType.LNAV: bits.LNAV_FIELDS,
+    MessageType.INAV: bits.INAV_FIELDS,
+    MessageType.FNAV: bits.FNAV_FIELDS,
+    MessageType.D1: bits.D1_FIELDS,
+    MessageType.D2: bits.D2_FIELDS,
+}
+_KLOBUCHAR_FIELDS = {"G": bits.LNAV_KLOBUCHAR, "J": bits.LNAV_KLOBUCHAR, "C": bits.D1_KLOBUCHAR}
+
+
+def as_broadcast(navigation):
+    """Ephemerides as their messages carry them: every value a whole number of its least bit.
+
+    Such data are the same in a navigation file and in the bits of a receiver's log. The steps are real:
+    half a metre in the position of a GLONASS satellite, 4 cm along the orbit of a GPS satellite, 0.5 ns in
+    its clock.
+
+    Parameters
+    ----------
+    navigation : Navigation
+        Any values; those of messages that are not written here stay as they are.
+
+    Returns
+    -------
+    Navigation
+    """
+    kepler, states = navigation.kepler, navigation.states
+    elements, vectors = kepler.elements.copy(), states.states.copy()
+    for message, fields in _FIELDS_OF_MESSAGE.items():
+        rows = kepler.message == message
+        for column, name in enumerate(KEPLER_COLUMNS):
+            if name in fields:
+                elements[rows, column] = _rounded(elements[rows, column], fields[name], name in _ANGLES)
+    is_glonass = states.sat // 100 == GLONASS
+    for column, name in enumerate(STATE_COLUMNS):
+        vectors[is_glonass, column] = _rounded(vectors[is_glonass, column], bits.GLONASS_FIELDS[name], False)
+    klobuchar = {
+        letter: np.array([_rounded(v, f, False) for v, f in zip(values, fields, strict=True)])
+        if (fields := _KLOBUCHAR_FIELDS.get(letter))
+        else values
+        for letter, values in navigation.klobuchar.items()
+    }
+    return replace(
+        navigation,
+        kepler=replace(kepler, elements=elements),
+        states=replace(states, states=vectors),
+        klobuchar=klobuchar,
+    )
+
+
+def _rounded(values, field, is_angle):
+    steps = np.round(values / field.scale)
+    if is_angle:
+        half = 2.0 ** (sum(count for _, _, count in field.runs) - 1)
+        steps = (steps + half) % (2.0 * half) - half
+    return steps * field.scale
 
 
 def _ura_index(ura_m):
