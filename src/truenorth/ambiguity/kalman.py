@@ -20,6 +20,7 @@ van Graas & Braasch 1991.
 """
 
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 
@@ -35,6 +36,8 @@ __all__ = [
     "chain_covariance",
     "triple_difference_baseline",
 ]
+
+_NORMAL = NormalDist()
 
 _UNKNOWN_CYC = 1e4
 """Standard deviation of an integer of which nothing is known, cycles."""
@@ -363,10 +366,8 @@ class KalmanIntegerEstimator:
         inflation : float
             Above 1 where the innovations as a whole are too large but no row stands out.
         """
-        from scipy.stats import norm
-
         significance = self.options.innovation_significance
-        edge = norm.isf(significance / 2.0)
+        edge = -_NORMAL.inv_cdf(significance / 2.0)
         rows = rows.copy()
         slipped = np.zeros(len(rows), dtype=bool)
         while rows.any():
