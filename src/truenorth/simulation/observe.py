@@ -18,6 +18,7 @@ import numpy as np
 
 from ..constants import GLONASS, SPEED_OF_LIGHT_MPS, SYSTEMS
 from ..frames import azimuth_elevation_from_enu, geodetic_from_ecef, rot_enu_from_ecef
+from ..gravity import EARTH_RATE_RADPS
 from ..observations import ObservationMeta, Observations, frequency_hz, signal_id, signal_name
 from .environment import ionosphere_l1_m, troposphere_m
 from .faults import BlunderFault, DeadFault, LostFault, SlipFault, concerns
@@ -25,9 +26,8 @@ from .multipath import reflected_ray
 from .randomness import stream
 from .receivers import ConstantNoise, ReceiverClock, antenna_gain_db, chip_length_m, noise_sd
 
-__all__ = ["EARTH_RATE_RADPS", "AntennaBlock", "AntennaSimulator", "Rays", "rays_in_view"]
+__all__ = ["AntennaBlock", "AntennaSimulator", "Rays", "rays_in_view"]
 
-EARTH_RATE_RADPS = 7.2921151467e-5
 _L1_HZ = 1575.42e6
 _LOWEST_RAD = np.radians(-3.0)
 

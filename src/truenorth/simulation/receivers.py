@@ -11,7 +11,7 @@ from typing import NoReturn
 import msgspec
 import numpy as np
 
-from ..constants import FREQUENCY_HZ, SPEED_OF_LIGHT_MPS, SYSTEMS
+from ..constants import FREQUENCY_HZ, SYSTEMS
 from ..errors import ConfigError
 from .multipath import MultipathSection
 
@@ -284,8 +284,3 @@ class ReceiverClock:
         safe_dt = np.where(dt > 0.0, dt, 1.0)
         rate = before + white / safe_dt
         return offset - jumps, rate, np.zeros(n) if self._section.jump_phase else jumps
-
-
-def light_m(seconds):
-    """Metres of light in seconds."""
-    return SPEED_OF_LIGHT_MPS * seconds
