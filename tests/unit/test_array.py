@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from synthetic_array import BODY_M, NAMES, make_attitude, make_baselines, true_angles
-from truenorth.attitude.array import attitude_from_baselines, free_of_length, solve_array
+from truenorth.attitude.adjustment import free_of_length
+from truenorth.attitude.array import attitude_from_baselines, solve_array
 from truenorth.attitude.vectors import angle_covariance, array_extent_m, fit_rotation, wahba_rotation
 from truenorth.config import GnssSettings
 from truenorth.errors import ConfigError, Reason, Status

@@ -14,30 +14,19 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 
-from ..ambiguity.acceptance import chi2_limits
 from ..config import GnssSettings, convert_settings
 from ..errors import ConfigError, NoSolutionError, Reason, Status
-from ..rotations import heading_pitch_roll
 from ..timescales import NS_PER_S
+from .adjustment import ArrayAdjustment, free_of_length
 from .array_solution import AttitudeSolution
 from .baselines import solve_baseline
 from .provenance import describe_observations
 from .solution import EpochEvent
-from .vectors import angle_covariance, array_extent_m, fit_rotation, weighted_square
 
 __all__ = ["attitude_from_baselines", "solve_array"]
 
-MIN_ACROSS_M = 0.02
-"""Antennas nearer than this to one line leave the rotation about it to the noise of the phases."""
-
-ALONG_X = 0.002
-"""A line of antennas within this angle, radians, of the x axis gives heading and pitch whatever the roll."""
-
 MIN_LENGTH_SD_M = 5e-4
 """A length better known than this could not be taken out of an adjusted baseline without loss of digits."""
-
-CLEARLY_WORSE = 13.8
-"""The second best exclusion must be worse by this much in chi-square, a likelihood ratio of a thousand."""
 
 BLOCK_EPOCHS = 20_000
 """Epochs whose rotations are estimated at once, which bounds the memory."""
@@ -197,9 +186,13 @@ def attitude_from_baselines(baselines, positions_body_m, time_ns, *, names, sett
         unknown = here[np.isnan(position_ecef_m[here, 0])]
         position_ecef_m[unknown] = solution.position_ecef_m[row[unknown, k]]
     accepted = (status == Status.FIXED) | (status == Status.HELD)
-    accepted &= np.isfinite(cov_m2).all((2, 3))
+    # What the length alone held together has no covariance of its own.
+    known = np.isfinite(cov_m2).all((2, 3))
+    known[known] = np.linalg.eigvalsh(cov_m2[known])[:, 0] > 0.0
+    reason[accepted & ~known] = Reason.WEAK_GEOMETRY
+    accepted &= known
 
-    adjustment = _Adjustment(body_m, n, settings)
+    adjustment = ArrayAdjustment(body_m, n, settings)
     for first in range(0, n, BLOCK_EPOCHS):
         adjustment.solve(np.arange(first, min(first + BLOCK_EPOCHS, n)), vector_m, cov_m2, accepted)
     a = adjustment
@@ -230,131 +223,6 @@ def attitude_from_baselines(baselines, positions_body_m, time_ns, *, names, sett
         settings=msgspec.to_builtins(settings),
     )
     return replace(solution, events=tuple(_events(solution)))
-
-
-def free_of_length(solution):
-    """Accepted baselines as the phases alone give them, without the length that adjusted them.
-
-    The engine adds the length l as one observation with variance s^2 along the adjusted baseline b:
-    I_free (b_free - b) = v b with v = (|b| - l) / (s^2 |b|), and the inverse covariance is
-    I_free + v 1 + (1 / s^2 - v) u u^T, u = b / |b|. Both are solved for what was there before, because
-    the body coordinates, of which the length is part, enter the attitude once.
-
-    Parameters
-    ----------
-    solution : BaselineSolution
-        A run of a method that adjusts with the length (``constrained``, ``filter``), or of another.
-
-    Returns
-    -------
-    baseline_enu_m : ndarray, shape (n, 3)
-    cov_enu_m2 : ndarray, shape (n, 3, 3)
-        As they are where the length took no part.
-    """
-    settings = solution.settings
-    length_m, sd_m = settings.get("length_m"), settings.get("length_sd_m", 0.0)
-    baseline_m, cov_m2 = solution.baseline_enu_m.copy(), solution.cov_enu_m2.copy()
-    adjusted = settings.get("length_use") == "constrain" and settings.get("method") in (
-        "constrained",
-        "filter",
-    )
-    if not adjusted or length_m is None or sd_m <= 0.0:
-        return baseline_m, cov_m2
-    rows = np.flatnonzero(solution.is_accepted)
-    b = baseline_m[rows]
-    size = np.linalg.norm(b, axis=1)
-    bend = (size - length_m) / (sd_m**2 * size)
-    unit = b / size[:, None]
-    information = np.linalg.inv(cov_m2[rows])
-    information -= bend[:, None, None] * np.eye(3)
-    information -= (1.0 / sd_m**2 - bend)[:, None, None] * unit[:, :, None] * unit[:, None, :]
-    cov = np.linalg.inv(0.5 * (information + np.swapaxes(information, 1, 2)))
-    baseline_m[rows] = b + bend[:, None] * np.einsum("nij,nj->ni", cov, b)
-    cov_m2[rows] = cov
-    return baseline_m, cov_m2
-
-
-class _Adjustment:
-    """Rotations of all epochs, filled block by block and, within a block, by which baselines are there."""
-
-    def __init__(self, body_m, n_epochs, settings):
-        m = len(body_m)
-        self.body_m = body_m
-        self.body_variance_m2 = settings.length_sd_m**2
-        self.limits = chi2_limits(settings.residual_significance, 3 * m + 1)
-        self.angle_rad = np.full((n_epochs, 3), np.nan)
-        self.cov_rad2 = np.full((n_epochs, 3, 3), np.nan)
-        self.rot = np.full((n_epochs, 3, 3), np.nan)
-        self.chi2, self.chi2_limit = np.full(n_epochs, np.nan), np.full(n_epochs, np.nan)
-        self.is_used, self.is_excluded = np.zeros((n_epochs, m), bool), np.zeros((n_epochs, m), bool)
-        self.is_solved = np.zeros(n_epochs, bool)
-        self.reason = np.zeros(n_epochs, np.uint8)
-
-    def solve(self, rows, vector_m, cov_m2, accepted):
-        """Solve some epochs from the baselines accepted in each."""
-        pattern = accepted[rows] @ (1 << np.arange(accepted.shape[1]))
-        for code in np.unique(pattern[pattern > 0]):
-            used = np.flatnonzero(code >> np.arange(accepted.shape[1]) & 1)
-            self._solve_pattern(rows[pattern == code], used, vector_m, cov_m2)
-
-    def _solve_pattern(self, rows, used, vector_m, cov_m2):
-        """Solve epochs that have the same baselines; where they contradict, without the one to blame."""
-        fit, chi2, limit = self._fit(rows, used, vector_m, cov_m2)
-        new = np.isnan(self.chi2[rows])
-        self.chi2[rows[new]], self.chi2_limit[rows[new]] = chi2[new], limit
-        self.reason[rows] = Reason.GEOMETRY_TEST
-        good = chi2 <= limit
-        self._store(rows, used, fit, good)
-        bad = rows[~good]
-        if len(bad) == 0 or len(used) < 3:
-            return
-        left_out = [self._fit(bad, np.delete(used, k), vector_m, cov_m2) for k in range(len(used))]
-        chi2 = np.stack([chi2 for _, chi2, _ in left_out], axis=1)
-        limit = left_out[0][2]
-        best, second = np.sort(chi2, axis=1)[:, :2].T
-        blamed = np.argmin(chi2, axis=1)
-        clear = (second > limit) | (second - best > CLEARLY_WORSE)
-        for k, wrong in enumerate(used):
-            mine = clear & (blamed == k)
-            if not mine.any():
-                continue
-            rest = np.delete(used, k)
-            self.is_excluded[bad[mine], wrong] = True
-            if len(rest) >= 3:
-                # There may be another one.
-                self._solve_pattern(bad[mine], rest, vector_m, cov_m2)
-            else:
-                self._store(bad, rest, left_out[k][0], mine & (best <= limit))
-        lost = bad[~self.is_solved[bad]]
-        self.is_excluded[lost] = False
-
-    def _fit(self, rows, used, vector_m, cov_m2):
-        """Rotation from some baselines, its test and the limit of it; the rotation is None where hidden."""
-        vector_m, cov_m2, body_m = vector_m[np.ix_(rows, used)], cov_m2[np.ix_(rows, used)], self.body_m[used]
-        _, across, axis = array_extent_m(body_m)
-        is_line = across < MIN_ACROSS_M
-        fit = fit_rotation(vector_m, cov_m2, body_m, free_axis_body=axis if is_line else None)
-        chi2 = weighted_square(fit.residual_m, cov_m2 + self.body_variance_m2 * np.eye(3))
-        limit = self.limits[3 * len(used) - (2 if is_line else 3)]
-        return fit, chi2, limit
-
-    def _store(self, rows, used, fit, good):
-        """Keep the rotations of the good epochs."""
-        _, across, axis = array_extent_m(self.body_m[used])
-        is_line = across < MIN_ACROSS_M
-        rows = rows[good]
-        if is_line and np.hypot(axis[1], axis[2]) > ALONG_X:
-            self.reason[rows] = Reason.DIRECTION_ONLY
-            return
-        self.is_used[np.ix_(rows, used)] = True
-        rot = fit.rot_ned_from_body[good]
-        angle_rad = np.stack(heading_pitch_roll(rot), axis=-1)
-        cov = angle_covariance(angle_rad[:, 0], rot, fit.cov_ned_rad2[good])
-        if is_line:
-            angle_rad[:, 2], cov[:, 2, :], cov[:, :, 2], rot = np.nan, np.nan, np.nan, np.nan
-        self.angle_rad[rows], self.cov_rad2[rows], self.rot[rows] = angle_rad, cov, rot
-        self.is_solved[rows] = True
-        self.reason[rows] = Reason.ROLL_UNOBSERVABLE if is_line else Reason.OK
 
 
 def _align(times_ns, reference_ns, settings):

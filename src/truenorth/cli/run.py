@@ -48,7 +48,7 @@ def run_session(
     Parameters
     ----------
     session : Session
-        What to solve.
+        What to solve: two antennas or an array.
     out, figure : Path, optional
         Files to write.
     explain : str, optional
@@ -72,7 +72,7 @@ def run_session(
     from .progress import working
 
     if out is not None:
-        check_output_path(out)
+        check_output_path(out, of_array=session.is_array)
     if figure is not None:
         from ..report import check_figure_path
 

@@ -53,14 +53,7 @@ def write_solution(solution, path, *, format=None):
         If the format is unknown or the file cannot be written.
     """
     path = Path(path)
-    name = check_output_path(path, format=format)
-    if name == "pos" and isinstance(solution, AttitudeSolution):
-        raise ConfigError(
-            f"could not write {path}: this format holds one baseline, not the attitude of "
-            f"{len(solution.antennas)} antennas; give a .csv, .parquet, .nmea, .json or .nc file",
-            key="out",
-            value=str(path),
-        )
+    name = check_output_path(path, format=format, of_array=isinstance(solution, AttitudeSolution))
     try:
         if name == "parquet":
             from .tables import to_polars
@@ -81,7 +74,7 @@ def write_solution(solution, path, *, format=None):
     return path
 
 
-def check_output_path(path, *, format=None):
+def check_output_path(path, *, format=None, of_array=False):
     """Find the format of an output file and make sure that the file can be written.
 
     Parameters
@@ -90,6 +83,8 @@ def check_output_path(path, *, format=None):
         File to be written later.
     format : str, optional
         Name of the format, if not by suffix.
+    of_array : bool
+        The result is an attitude, for which some formats have no place.
 
     Returns
     -------
@@ -99,7 +94,7 @@ def check_output_path(path, *, format=None):
     Raises
     ------
     ConfigError
-        If the format is unknown, the folder is missing or the place is not writable.
+        If the format is unknown or unfit, the folder is missing or the place is not writable.
     """
     path = Path(path)
     name = format or FORMATS.get(path.suffix.lower())
@@ -108,6 +103,13 @@ def check_output_path(path, *, format=None):
         found = format or path.suffix or "no suffix"
         raise ConfigError(
             f"could not choose the format of {path}: {found!r} is not one of {known}",
+            key="out",
+            value=str(path),
+        )
+    if name == "pos" and of_array:
+        raise ConfigError(
+            f"could not write {path}: this format holds one baseline, not the attitude of an array; give a "
+            ".csv, .parquet, .nmea, .json or .nc file",
             key="out",
             value=str(path),
         )
