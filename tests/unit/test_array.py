@@ -228,6 +228,20 @@ def test_what_no_baseline_solves_has_the_reason_of_the_nearest():
     assert kinds == ["fixed", "released", "fixed"]
 
 
+def test_a_baseline_that_only_its_length_holds_is_not_used():
+    """Two double differences and a length have two solutions, mirror images of each other."""
+    baselines = make_baselines(40)
+    cov = baselines[1].cov_enu_m2.copy()
+    cov[10:20] += 4.0 * np.outer([0.6, 0.0, 0.8], [0.6, 0.0, 0.8])
+    cov[20:25] = np.nan
+    baselines[1] = replace(baselines[1], cov_enu_m2=cov)
+    solution = make_attitude(baselines=baselines)
+    assert not solution.is_used[10:25, 1].any()
+    np.testing.assert_array_equal(solution.n_baselines, np.repeat([3, 2, 2, 3], [10, 10, 5, 15]))
+    alone = make_attitude(baselines=baselines[1:2], body_m=BODY_M[[0, 2]], names=NAMES[:2])
+    assert (alone.reason[10:25] == Reason.WEAK_GEOMETRY).all()
+
+
 def test_held_baselines_make_a_held_attitude():
     baselines = make_baselines(30)
     status = baselines[2].status.copy()

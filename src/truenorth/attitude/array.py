@@ -28,6 +28,9 @@ __all__ = ["attitude_from_baselines", "solve_array"]
 MIN_LENGTH_SD_M = 5e-4
 """A length better known than this could not be taken out of an adjusted baseline without loss of digits."""
 
+MAX_SHARE_OF_LENGTH = 0.2
+"""A baseline may be uncertain by this share of its length, without it; its mirror image is further away."""
+
 BLOCK_EPOCHS = 20_000
 """Epochs whose rotations are estimated at once, which bounds the memory."""
 
@@ -186,11 +189,9 @@ def attitude_from_baselines(baselines, positions_body_m, time_ns, *, names, sett
         unknown = here[np.isnan(position_ecef_m[here, 0])]
         position_ecef_m[unknown] = solution.position_ecef_m[row[unknown, k]]
     accepted = (status == Status.FIXED) | (status == Status.HELD)
-    # What the length alone held together has no covariance of its own.
-    known = np.isfinite(cov_m2).all((2, 3))
-    known[known] = np.linalg.eigvalsh(cov_m2[known])[:, 0] > 0.0
-    reason[accepted & ~known] = Reason.WEAK_GEOMETRY
-    accepted &= known
+    weak = accepted & ~_stand_alone(cov_m2, np.linalg.norm(body_m, axis=1))
+    reason[weak] = Reason.WEAK_GEOMETRY
+    accepted &= ~weak
 
     adjustment = ArrayAdjustment(body_m, n, settings)
     for first in range(0, n, BLOCK_EPOCHS):
@@ -223,6 +224,19 @@ def attitude_from_baselines(baselines, positions_body_m, time_ns, *, names, sett
         settings=msgspec.to_builtins(settings),
     )
     return replace(solution, events=tuple(_events(solution)))
+
+
+def _stand_alone(cov_m2, length_m):
+    """Whether the phases of a baseline determine it without its length, shape (n, n_baselines).
+
+    Three satellites leave a line of baselines, which the sphere of the known length meets twice: two mirror
+    images of the whole array that lengths and angles cannot tell apart.
+    """
+    known = np.isfinite(cov_m2).all((2, 3))
+    variance_m2 = np.linalg.eigvalsh(cov_m2[known])
+    reach_m = np.broadcast_to(MAX_SHARE_OF_LENGTH * length_m, known.shape)[known]
+    known[known] = (variance_m2[:, 0] > 0.0) & (variance_m2[:, 2] < reach_m**2)
+    return known
 
 
 def _align(times_ns, reference_ns, settings):
