@@ -30,7 +30,7 @@ def _operator(group, usable):
         lines.append(line)
         rows.append(j)
         references.append(reference)
-    matrix = np.array(lines).reshape(-1, len(group))
+    matrix = np.array(lines).reshape(len(lines), len(group))
     return matrix, np.array(rows, dtype=np.int64), np.array(references, dtype=np.int64)
 
 
