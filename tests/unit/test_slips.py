@@ -135,6 +135,17 @@ def test_a_slip_of_one_satellite_is_found_and_told(cycles, sat):
     assert abs(statistic) > limit
 
 
+@pytest.mark.parametrize("n_sats", [6, 7])
+def test_a_satellite_that_holds_the_adjustment_down_is_blamed_itself(n_sats):
+    # Noise as small as the highest satellites have: one of low redundancy bends the adjustment towards its
+    # slip, and the largest plain residual is then another one's.
+    for sat in range(n_sats):
+        differences, base, rover = simulate(n_sats=n_sats, jumps=[(5, sat, 0, 7)], phase_sd_m=0.001)
+        differences.phase_variance_m2[differences.sat == sat + 1] /= 9.0
+        found = slips.find_arcs(differences, base, rover, baseline_change_m=1.0)
+        assert [(t, k) for t, k, _ in slips_of(found)] == [(5.0, sat)]
+
+
 def test_slips_of_two_satellites_at_one_epoch_are_both_found():
     differences, base, rover = simulate(jumps=[(5, 1, 0, 1), (5, 6, 0, -4)], n_sats=9)
     found = slips.find_arcs(differences, base, rover, baseline_change_m=1.0)

@@ -4,8 +4,10 @@
 
 The change of the baseline db and of the receiver clocks is common to all satellites, so a slip
 stands out by whole cycles. For a short baseline db is bounded by the length, which serves as a
-weak observation and keeps the test alive with few satellites. Changes are added up over the epochs, so
-that a satellite may be compared across a gap of its own with what the others saw meanwhile.
+weak observation and keeps the test alive with few satellites. Each row is tested against what the
+others foretell of it, and the largest normalised residual is taken out first (Baarda 1968, A testing
+procedure for use in geodetic networks). Changes are added up over the epochs, so that a satellite may
+be compared across a gap of its own with what the others saw meanwhile.
 """
 
 import numpy as np
@@ -15,6 +17,9 @@ from .jit import kernel
 SLIP_TIME_DIFFERENCE = 1
 SLIP_GEOMETRY_FREE = 2
 SLIP_DOPPLER = 3
+
+MIN_REDUNDANCY = 1e-3
+"""A row of which the others foretell less than this cannot be tested."""
 
 
 @kernel
@@ -43,7 +48,8 @@ def detect_slips(
     baseline_sd_m : float
         How far the baseline may change between epochs.
     limit_sd : float
-        Multiple of the standard deviation that counts as a slip (and at least a quarter cycle).
+        Multiple of the standard deviation of a row against the others' prediction that counts as a slip
+        (and at least a quarter cycle).
     moved : ndarray, shape (n_epochs, 4)
         Baseline and clock since the first epoch of all, as far as the differences tell: given for the
         past, the last of which is the epoch just before; output for the others.
@@ -55,6 +61,8 @@ def detect_slips(
     rhs = np.empty(4)
     factor = np.empty((4, 4))
     x = np.empty(4)
+    row, column = np.empty(4), np.empty(4)
+    row[3] = 1.0
     epoch_of = np.empty(len(y), np.int64)
     for e in range(n_epochs):
         first, last = start[e], start[e + 1]
@@ -112,20 +120,32 @@ def detect_slips(
                 normal[3, 3] += w
             _cholesky_4(normal, factor)
             _solve_4(factor, rhs, x)
+            # Against the others' prediction a row misses by r / redundancy. One that holds the adjustment
+            # down hides its slip in its own r and shows it in those of the others.
             worst = -1
             largest = 0.0
             for k in range(m):
                 if not alive[k]:
                     continue
                 i = index[k]
-                r = d[k] - clock - x[3] - design[i, 0] * x[0] - design[i, 1] * x[1] - design[i, 2] * x[2]
-                bound = max(limit_sd * np.sqrt(v[k]), 0.25 * wavelength[i])
-                statistic[i] = r
-                limit[i] = bound
-                if abs(r) / bound > largest:
-                    largest = abs(r) / bound
+                row[:3] = design[i]
+                _solve_4(factor, row, column)
+                leverage = 0.0
+                r = d[k] - clock
+                for a in range(4):
+                    leverage += row[a] * column[a]
+                    r -= row[a] * x[a]
+                redundancy = 1.0 - leverage / v[k]
+                if redundancy < MIN_REDUNDANCY:
+                    statistic[i], limit[i] = r, np.inf
+                    continue
+                statistic[i] = r / redundancy
+                limit[i] = max(limit_sd * np.sqrt(v[k] / redundancy), 0.25 * wavelength[i])
+                score = abs(r) / np.sqrt(v[k] * redundancy)
+                if abs(statistic[i]) > limit[i] and score > largest:
+                    largest = score
                     worst = k
-            if largest <= 1.0:
+            if worst < 0:
                 break
             alive[worst] = False
             slip[index[worst]] = SLIP_TIME_DIFFERENCE
