@@ -1,4 +1,4 @@
-"""``truenorth solve``: from two antennas' raw files to azimuth and elevation for every epoch."""
+"""``truenorth solve``: from antennas' raw files to a direction or an attitude for every epoch."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def solve(
         list[Path],
         typer.Argument(
             help="BASE.obs ROVER.obs BRDC.nav [MORE.nav ...], or BASE.ubx ROVER.ubx, or one session.toml. "
-            "The baseline points from BASE to ROVER.",
+            "The baseline points from BASE to ROVER; a session of three or more antennas gives the attitude.",
             metavar="FILE...",
             show_default=False,
         ),
@@ -62,7 +62,7 @@ def solve(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Summary as JSON on stdout.")] = False,
 ) -> int:
-    """Find azimuth and elevation of a baseline for every epoch, with their uncertainty and status."""
+    """Find where a baseline or an array of antennas points, with uncertainty and status of every epoch."""
     overrides = {
         "length_m": length,
         "length_sd_m": length_sd,
