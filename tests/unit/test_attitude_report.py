@@ -161,6 +161,19 @@ def test_a_comparison_without_positions_or_accepted_epochs_has_a_page(solution):
     assert "unknown" in str(empty)
 
 
+def test_a_long_run_is_thinned_but_its_wrong_epochs_stay(comparison):
+    from truenorth.report.style import thin_epochs
+
+    thinned, step = thin_epochs(comparison, 30, keep=comparison.is_wrong)
+    assert step == 4
+    assert set(comparison.time_ns[comparison.is_wrong]) <= set(thinned.time_ns)
+    assert 30 <= thinned.n_epochs <= 31
+    assert len(thinned.error_rad) == len(thinned.latitude_deg) == thinned.n_epochs
+    same, step = thin_epochs(comparison, 1000)
+    assert same is comparison
+    assert step == 1
+
+
 def test_an_array_session_repeats_itself(tmp_path):
     text = "[platform]\n" + "".join(
         f'[[platform.antennas]]\nname = "{name}"\nobservations = "{name}.obs"\nposition_body_m = {place}\n'

@@ -14,7 +14,7 @@ from .page import (
     provenance_html,
     table_html,
 )
-from .style import caption
+from .style import caption, thin_epochs
 
 __all__ = ["attitude_html", "draw_support"]
 
@@ -34,7 +34,10 @@ def attitude_html(solution):
     """
     import plotly.graph_objects as go
 
-    summary = summarize_solution(solution)
+    summary, subtitle = summarize_solution(solution), caption(solution)
+    whole = solution
+    solution, step = thin_epochs(solution, keep=np.any(solution.is_excluded, axis=1))
+    subtitle += f"; every {step}th epoch is drawn" if step > 1 else ""
     time = gpst_to_datetime64(solution.time_ns)
     figures = [
         (
@@ -52,10 +55,10 @@ def attitude_html(solution):
     sections = [
         _verdict(solution, summary),
         figures_html(figures),
-        _events(solution),
+        _events(whole),
         provenance_html(solution, summary),
     ]
-    return assemble_page("Attitude of the platform", caption(solution), sections)
+    return assemble_page("Attitude of the platform", subtitle, sections)
 
 
 def draw_support(go, solution, time):

@@ -16,7 +16,7 @@ from .page import (
     provenance_html,
     table_html,
 )
-from .style import STATUS_COLORS
+from .style import STATUS_COLORS, thin_epochs, thin_rows
 
 __all__ = ["comparison_html"]
 
@@ -57,6 +57,11 @@ def comparison_html(comparison, *, solution=None, title=None, subtitle="", rows=
     """
     import plotly.graph_objects as go
 
+    sections = [_cards(comparison), _numbers(comparison, rows)]
+    spread = _spread(go, comparison)
+    comparison, step = thin_epochs(comparison, keep=comparison.is_wrong)
+    if step > 1:
+        subtitle += f"{'; ' if subtitle else ''}every {step}th epoch is drawn, and all wrong ones"
     time = gpst_to_datetime64(comparison.time_ns)
     figures = []
     if comparison.latitude_deg is not None:
@@ -65,10 +70,11 @@ def comparison_html(comparison, *, solution=None, title=None, subtitle="", rows=
     for k, name in enumerate(comparison.angles):
         figures.append((f"Error of the {name}", _errors(go, comparison, time, k)))
     if solution is not None:
-        own = gpst_to_datetime64(solution.time_ns)
-        figures.append(("Satellites and baselines", draw_support(go, solution, own)))
-    figures.append(("Errors against the stated sigma", _spread(go, comparison)))
-    sections = [_cards(comparison), _numbers(comparison, rows), figures_html(figures)]
+        drawn, _ = thin_epochs(solution, keep=np.any(solution.is_excluded, axis=1))
+        own = gpst_to_datetime64(drawn.time_ns)
+        figures.append(("Satellites and baselines", draw_support(go, drawn, own)))
+    figures.append(("Errors against the stated sigma", spread))
+    sections.append(figures_html(figures))
     if solution is not None:
         from ..export import summarize_solution
 
@@ -289,10 +295,12 @@ def _spread(go, comparison):
         ratio = np.abs(comparison.error_rad[accepted, k] / comparison.sd_rad[accepted, k])
         ratio = np.sort(ratio[np.isfinite(ratio)])
         if len(ratio):
+            # The rare large ones all, the many small ones thinly.
+            at = np.unique(np.concatenate([thin_rows(len(ratio), 1000), np.arange(len(ratio))[-500:]]))
             figure.add_trace(
                 go.Scatter(
-                    x=ratio,
-                    y=1.0 - np.arange(len(ratio)) / len(ratio),
+                    x=ratio[at],
+                    y=1.0 - at / len(ratio),
                     mode="lines",
                     line={"shape": "hv", "color": color, "width": 2},
                     name=name,

@@ -7,6 +7,8 @@ References
 M. Okabe and K. Ito, "Color Universal Design", 2008.
 """
 
+from dataclasses import fields, replace
+
 import numpy as np
 
 from ..attitude.array_solution import AttitudeSolution
@@ -22,6 +24,7 @@ __all__ = [
     "caption",
     "length_for_plot",
     "runs_of_epochs",
+    "thin_epochs",
     "thin_rows",
 ]
 
@@ -44,6 +47,9 @@ SYSTEM_COLORS = {
 }
 
 BAND_ALPHA = 0.2
+
+MAX_EPOCHS_DRAWN = 12_000
+"""On an interactive page; more make browsers slow."""
 
 
 def caption(solution):
@@ -149,6 +155,43 @@ def accepted_rows(solution):
 def thin_rows(n_rows, limit):
     """Rows to draw so that there are no more than about `limit`, evenly taken."""
     return np.arange(0, n_rows, max(1, -(-n_rows // limit)))
+
+
+def thin_epochs(epochs, limit=MAX_EPOCHS_DRAWN, *, keep=None):
+    """Thin epochs so that a page stays light: every few of them, and those that must be seen.
+
+    Parameters
+    ----------
+    epochs : AttitudeSolution or Comparison
+        What is to be drawn.
+    limit : int
+        About so many epochs remain.
+    keep : ndarray of bool, shape (n,), optional
+        Epochs that stay in any case.
+
+    Returns
+    -------
+    AttitudeSolution or Comparison
+        With the chosen rows of every array that has one row per epoch; the same object where nothing is
+        left out.
+    step : int
+        Every so many epochs were taken.
+    """
+    n = epochs.n_epochs
+    step = max(1, -(-n // limit))
+    if step == 1:
+        return epochs, 1
+    chosen = np.arange(n) % step == 0
+    if keep is not None:
+        chosen |= keep
+    rows = np.flatnonzero(chosen)
+    values = {entry.name: getattr(epochs, entry.name) for entry in fields(epochs)}
+    thinned = {
+        name: value[rows]
+        for name, value in values.items()
+        if isinstance(value, np.ndarray) and value.shape[:1] == (n,)
+    }
+    return replace(epochs, **thinned), step
 
 
 def runs_of_epochs(time_ns, value, *, jump=np.inf):
