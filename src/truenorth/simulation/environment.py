@@ -47,8 +47,14 @@ class EnvironmentSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 
 
 def ionosphere_l1_m(
-    section, coefficients, origin_ecef_m, position_ecef_m, azimuth_rad, elevation_rad, time_ns
-):
+    section: EnvironmentSection,
+    coefficients: np.ndarray | None,
+    origin_ecef_m: np.ndarray,
+    position_ecef_m: np.ndarray,
+    azimuth_rad: np.ndarray,
+    elevation_rad: np.ndarray,
+    time_ns: np.ndarray,
+) -> np.ndarray:
     """Slant delay of an L1 code, metres.
 
     Parameters
@@ -92,7 +98,9 @@ def ionosphere_l1_m(
     return delay
 
 
-def troposphere_m(section, position_ecef_m, elevation_rad):
+def troposphere_m(
+    section: EnvironmentSection, position_ecef_m: np.ndarray, elevation_rad: np.ndarray
+) -> np.ndarray:
     """Slant delay of the troposphere, metres; arguments as `ionosphere_l1_m`.
 
     ``oguz_2006`` is 2.47 / (sin E + 0.0121), his eq. (2.17).

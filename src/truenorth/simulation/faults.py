@@ -117,7 +117,9 @@ class ScheduledSlips(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         if not 1 <= self.min_cycles <= self.max_cycles:
             _refuse("max_cycles", self.max_cycles, "`min_cycles` or more, and that 1 or more")
 
-    def draw(self, generator, duration_s, n_antennas):
+    def draw(
+        self, generator: np.random.Generator, duration_s: float, n_antennas: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Instants (s), antennas, places in the list of satellites (0 to 1), cycles; shape (count,) each."""
         time = np.sort(generator.uniform(self.start_s, max(duration_s, self.start_s), self.count))
         antenna = generator.integers(0, n_antennas, self.count)
@@ -127,7 +129,7 @@ class ScheduledSlips(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         return time, antenna, place, size * sign
 
 
-def concerns(fault, sat, signal):
+def concerns(fault: SlipFault | BlunderFault | LostFault, sat: np.ndarray, signal: np.ndarray) -> np.ndarray:
     """Rows of a satellite-specific fault; ``sat``, ``signal`` of shape (n,)."""
     chosen = np.ones(len(sat), dtype=bool)
     if fault.satellite:

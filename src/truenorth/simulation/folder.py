@@ -18,8 +18,10 @@ from ..config import AntennaSection, GnssSection, PlatformSection, Session
 from ..constants import GPS
 from ..errors import FormatError
 from ..navigation import Navigation
-from ..observations import sat_name, signal_name
+from ..observations import Observations, sat_name, signal_name
+from ..sensor_log import SensorLog
 from ..timescales import format_gpst
+from .observe import AntennaSimulator
 from .run import BLOCK_EPOCHS, Simulator, join_blocks
 from .scenario import Scenario, read_scenario
 from .sky import FileSky
@@ -133,7 +135,9 @@ def write_simulation(
     )
 
 
-def _session(scenario, observations, navigation):
+def _session(
+    scenario: Scenario, observations: dict[str, tuple[Path, ...]], navigation: tuple[Path, ...]
+) -> Session:
     """What the solver needs to know, and nothing of the truth."""
     antennas = tuple(
         AntennaSection(
@@ -151,7 +155,7 @@ def _session(scenario, observations, navigation):
     )
 
 
-def _write_navigation(scenario, navigation: Navigation, folder):
+def _write_navigation(scenario: Scenario, navigation: Navigation, folder: Path) -> tuple[Path, ...]:
     """The broadcast as RINEX; tabulated orbits as the file that they came from."""
     from ..formats import write_rinex_navigation
 
@@ -167,14 +171,18 @@ def _write_navigation(scenario, navigation: Navigation, folder):
     return tuple(paths)
 
 
-def _write_epochs(simulator, folder, block_epochs, progress):
+def _write_epochs(
+    simulator: Simulator, folder: Path, block_epochs: int, progress: Callable[[int, int], None] | None
+) -> tuple[dict[str, tuple[Path, ...]], int]:
     """Observations, tables of truth and the log of what was made to happen, block after block."""
     from ..formats import write_table
 
     scenario = simulator.scenario
     names = list(simulator.antennas)
     paths: dict[str, tuple[Path, ...]] = {}
-    truths, slips, n_rows = [], [], 0
+    truths: list[dict[str, np.ndarray]] = []
+    slips: list[tuple[int, str, int, int, int]] = []
+    n_rows = 0
     with ExitStack() as stack:
         writers: dict[str, list[Any]] = {}
         for name in names:
@@ -206,7 +214,14 @@ def _write_epochs(simulator, folder, block_epochs, progress):
     return paths, n_rows
 
 
-def _open_writer(stack, kind, folder, antenna, navigation, scenario):
+def _open_writer(
+    stack: ExitStack,
+    kind: str,
+    folder: Path,
+    antenna: AntennaSimulator,
+    navigation: Navigation,
+    scenario: Scenario,
+) -> tuple[Path, Any]:
     """Path and writer of one antenna's observations in one format."""
     suffix = _SUFFIX[kind] + (".gz" if scenario.output.gzip and kind == "rinex" else "")
     path = folder / f"{antenna.meta.marker}{suffix}"
@@ -234,24 +249,25 @@ def _open_writer(stack, kind, folder, antenna, navigation, scenario):
 class _Oem3File:
     """An OEM3 log, which is written as a whole: its lock times and ephemerides go through all epochs."""
 
-    def __init__(self, path, navigation):
-        self._path, self._navigation, self._blocks = path, navigation, []
+    def __init__(self, path: Path, navigation: Navigation) -> None:
+        self._path, self._navigation = path, navigation
+        self._blocks: list[Observations] = []
 
-    def __enter__(self):
+    def __enter__(self) -> _Oem3File:
         return self
 
-    def __exit__(self, kind, *_):
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         from ..formats import write_oem3
 
         if kind is None and self._blocks:
             write_oem3(self._path, join_blocks(self._blocks), self._navigation)
 
-    def write_block(self, observations):
+    def write_block(self, observations: Observations) -> None:
         """Keep the epochs; GPS alone takes little room."""
         self._blocks.append(observations.select_rows(observations.sat // 100 == GPS))
 
 
-def _truth_columns(truth, names):
+def _truth_columns(truth: dict[str, np.ndarray], names: list[str]) -> dict[str, np.ndarray]:
     """The platform's truth with degrees and GPS time, as a person reads it."""
     columns = {
         "time_gpst": np.array([format_gpst(t, decimals=9) for t in truth["time_ns"]]),
@@ -285,7 +301,7 @@ def _truth_columns(truth, names):
 _WIDE = ("range_m", "satellite_clock_m", "receiver_clock_m", "phase_clock_m", "integer_cyc")
 
 
-def _signal_columns(truth):
+def _signal_columns(truth: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Terms of every observation; small ones in single precision, which is below a micrometre."""
     columns = {
         "time_ns": truth["time_ns"],
@@ -298,7 +314,7 @@ def _signal_columns(truth):
     return columns
 
 
-def _slip_columns(slips):
+def _slip_columns(slips: list[tuple[int, str, int, int, int]]) -> dict[str, np.ndarray]:
     return {
         "time_gpst": np.array([format_gpst(slip[0]) for slip in slips]),
         "antenna": np.array([slip[1] for slip in slips]),
@@ -308,7 +324,7 @@ def _slip_columns(slips):
     }
 
 
-def _write_sensors(simulator, folder):
+def _write_sensors(simulator: Simulator, folder: Path) -> dict[str, tuple[Path, ...]]:
     """Sensor logs as tables with their truth, and in the format of the instrument where there is one."""
     from ..formats import write_sensor_table
 
@@ -324,7 +340,7 @@ def _write_sensors(simulator, folder):
     return {name: tuple(written) for name, written in paths.items()}
 
 
-def _write_native(logs, paths):
+def _write_native(logs: dict[str, SensorLog], paths: dict[str, list[Path]]) -> None:
     """What gyro and compass module send over their serial lines; the module has the tilt meter in it."""
     from ..formats import write_fog_packets, write_tcm2
 

@@ -87,7 +87,13 @@ class MultipathSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     gauss_markov: GaussMarkovSection = GaussMarkovSection()
 
 
-def reflected_ray(path_m, amplitude, wavelength_m, chip_m, spacing_chips):
+def reflected_ray(
+    path_m: np.ndarray,
+    amplitude: np.ndarray,
+    wavelength_m: np.ndarray,
+    chip_m: np.ndarray,
+    spacing_chips: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Errors of code and phase, and fading, of a direct ray with one reflected ray.
 
     Parameters

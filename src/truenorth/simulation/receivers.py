@@ -207,7 +207,9 @@ def chip_length_m(system: str, signal: str) -> float:
     return _CHIP_M.get(system + signal, _CHIP_M.get(system + signal[0], 293.05))
 
 
-def noise_sd(noise, cn0_dbhz, wavelength_m, chip_m):
+def noise_sd(
+    noise: ThermalNoise | ConstantNoise, cn0_dbhz: np.ndarray, wavelength_m: np.ndarray, chip_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Standard deviations of code (m), phase (m) and Doppler (Hz).
 
     Parameters
@@ -223,9 +225,8 @@ def noise_sd(noise, cn0_dbhz, wavelength_m, chip_m):
         Kaplan & Hegarty 2017, eq. (8.97) (DLL, narrow correlator), (8.66) (PLL), (8.76) (FLL).
     """
     if isinstance(noise, ConstantNoise):
-        return tuple(
-            np.full(len(cn0_dbhz), sd) for sd in (noise.code_sd_m, noise.phase_sd_m, noise.doppler_sd_hz)
-        )
+        n = len(cn0_dbhz)
+        return np.full(n, noise.code_sd_m), np.full(n, noise.phase_sd_m), np.full(n, noise.doppler_sd_hz)
     cn0 = 10.0 ** (0.1 * cn0_dbhz)
     t = noise.integration_s
     d = noise.correlator_spacing_chips
@@ -236,7 +237,7 @@ def noise_sd(noise, cn0_dbhz, wavelength_m, chip_m):
     return noise.factor * code, noise.factor * phase, noise.factor * doppler
 
 
-def antenna_gain_db(receiver: ReceiverSection, sin_elevation):
+def antenna_gain_db(receiver: ReceiverSection, sin_elevation: np.ndarray) -> np.ndarray:
     """Gain relative to the zenith of the antenna, dB, by the sine of the elevation above its own horizon."""
     drop = receiver.zenith_cn0_dbhz - receiver.horizon_cn0_dbhz
     above = np.maximum(sin_elevation, 0.0)
@@ -262,7 +263,7 @@ class ReceiverClock:
         self._offset_s = section.offset_s + section.offset_sd_s * start[0]
         self._drift_sps = section.drift_sps + section.drift_sd_sps * start[1]
 
-    def step(self, time_s):
+    def step(self, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Offsets (s), drifts (s/s) and how much of the offset phases do not follow (s), shape (n,) each.
 
         ``time_s`` increases and goes on from the previous call.

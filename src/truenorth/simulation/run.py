@@ -174,7 +174,7 @@ class Simulator:
             generator=lambda *names: stream(scenario.seed, "sensor", *names),
         )
 
-    def _truth(self, first, last, antennas):
+    def _truth(self, first: int, last: int, antennas: dict[str, AntennaBlock]) -> dict[str, np.ndarray]:
         time_s = self.scenario.epoch_s(first, last)
         motion = self.trajectory.at(time_s)
         latitude, longitude, height = geodetic_from_ecef(motion.position_ecef_m)
@@ -241,7 +241,8 @@ def simulate(
     simulator = Simulator(read_scenario(scenario, overrides))
     names = list(simulator.antennas)
     parts: dict[str, list[AntennaBlock]] = {name: [] for name in names}
-    truths, slips = [], []
+    truths: list[dict[str, np.ndarray]] = []
+    slips: list[tuple[int, str, int, int, int]] = []
     for block in simulator.blocks(block_epochs, progress):
         truths.append(block.truth)
         for name in names:
@@ -280,8 +281,6 @@ def join_blocks(blocks: list[Observations]) -> Observations:
         "clock_offset_s",
     )
     counts = np.concatenate([np.diff(block.epoch_start) for block in blocks])
-    return replace(
-        blocks[0],
-        epoch_start=np.concatenate(([0], np.cumsum(counts))).astype(np.int64),
-        **{name: np.concatenate([getattr(block, name) for block in blocks]) for name in columns},
-    )
+    joined: dict[str, Any] = {name: np.concatenate([getattr(b, name) for b in blocks]) for name in columns}
+    start = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
+    return replace(blocks[0], epoch_start=start, **joined)

@@ -309,12 +309,11 @@ def _laid_over(base: Mapping[str, Any], top: Mapping[str, Any]) -> dict[str, Any
     merged = copy.deepcopy(dict(base))
     for key, value in top.items():
         below = merged.get(key)
-        is_same_kind = (
-            isinstance(below, Mapping)
-            and isinstance(value, Mapping)
-            and ("kind" not in value or below.get("kind", value["kind"]) == value["kind"])
-        )
-        merged[key] = _laid_over(below, value) if is_same_kind and key != "signals" else copy.deepcopy(value)
+        if isinstance(below, Mapping) and isinstance(value, Mapping) and key != "signals":
+            is_same_kind = "kind" not in value or below.get("kind", value["kind"]) == value["kind"]
+            merged[key] = _laid_over(below, value) if is_same_kind else copy.deepcopy(value)
+        else:
+            merged[key] = copy.deepcopy(value)
     return merged
 
 
