@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import thesis_search as oguz
 from truenorth.ambiguity.exhaustive import (
     ExhaustiveOptions,
     integer_bound,
@@ -29,7 +30,6 @@ def load(name):
 
 
 load("circular_sky")
-oguz = load("make_oguz_tables")
 anchors = load("make_lsast_anchors")
 
 
