@@ -19,6 +19,11 @@ FEW_ACCEPTED = 0.5
 """With a smaller share of accepted epochs a declared length comes under suspicion."""
 
 
+UNANIMOUS = 0.9
+"""Share of the lengths that must lie together. Wrong integers give lengths all over the place: where a single
+frequency fixes wrongly without the length, that says nothing against the length."""
+
+
 def compare_length(solution):
     """Compare the declared antenna separation with the measured one.
 
@@ -80,12 +85,15 @@ def measure_free_length(differences, base, rover, settings):
     )
     resolved = resolve_epochs(differences, base, rover, free)
     accepted = (resolved.status == Status.FIXED) | (resolved.status == Status.HELD)
+    length_m, length_sd_m = (resolved.table[accepted, column] for column in (kernel.LENGTH, kernel.LENGTH_SD))
+    if not _are_unanimous(length_m, length_sd_m):
+        length_m, length_sd_m = length_m[:0], length_sd_m[:0]
     return _compare(
         settings.length_m,
         settings.length_sd_m,
         settings.length_tolerance_sd,
-        resolved.table[accepted, kernel.LENGTH],
-        resolved.table[accepted, kernel.LENGTH_SD],
+        length_m,
+        length_sd_m,
         without_declared=True,
     )
 
@@ -106,7 +114,7 @@ def sample_free_length(differences, settings):
     Returns
     -------
     dict or None
-        None where too few epochs can be fixed without the length.
+        None where too few epochs can be fixed without the length, or their lengths contradict each other.
     """
     from .._kernels import engine as kernel
     from ..ambiguity.resolution import resolve_sample
@@ -114,16 +122,25 @@ def sample_free_length(differences, settings):
     free = msgspec.structs.replace(settings, method="lambda", length_use="off", ratio_test="none")
     resolved, sample = resolve_sample(differences, free)
     accepted = sample[resolved.status[sample] >= Status.HELD]
-    if len(accepted) < MIN_SAMPLE_ACCEPTED:
+    length_m, length_sd_m = (resolved.table[accepted, column] for column in (kernel.LENGTH, kernel.LENGTH_SD))
+    if len(accepted) < MIN_SAMPLE_ACCEPTED or not _are_unanimous(length_m, length_sd_m):
         return None
     return _compare(
         settings.length_m,
         settings.length_sd_m,
         settings.length_tolerance_sd,
-        resolved.table[accepted, kernel.LENGTH],
-        resolved.table[accepted, kernel.LENGTH_SD],
+        length_m,
+        length_sd_m,
         without_declared=True,
     )
+
+
+def _are_unanimous(length_m, length_sd_m):
+    """Whether nearly all lengths agree with their median within four of their standard deviations."""
+    if len(length_m) == 0:
+        return True
+    limit_m = 4.0 * np.hypot(length_sd_m, np.median(length_sd_m))
+    return np.mean(np.abs(length_m - np.median(length_m)) <= limit_m) >= UNANIMOUS
 
 
 def length_warning(check):
