@@ -8,7 +8,7 @@ from truenorth.simulation import simulate
 
 
 @pytest.mark.parametrize(
-    ("name", "duration_s", "rover"), [("wang-minivan", 60.0, "front"), ("harvey-suburban", 300.0, "remote")]
+    ("name", "duration_s", "rover"), [("wang-minivan", 100.0, "front"), ("harvey-suburban", 300.0, "remote")]
 )
 def test_contradicting_lengths_do_not_speak_against_the_true_one(name, duration_s, rover):
     overrides = {"duration_s": duration_s, "solve.method": "constrained"}
