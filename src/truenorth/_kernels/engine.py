@@ -84,6 +84,12 @@ STRIKES_TO_DROP = 5
 REPORTED_RATIO = 3.0
 """Ratios are exact up to here, where no test asks for more; above, what is reported is a lower bound."""
 
+_FLAT = 1e-7
+"""Determinant of the phases' information over the cube of its mean; below, they see a plane."""
+
+_SHARP = 0.1
+"""Share of the length: a baseline known as well as this without it has no mirror image."""
+
 _ABSENT = 1e30
 """Variance of a row that must not count."""
 
@@ -120,6 +126,28 @@ def quadratic_3(matrix, x, y, z):
         + matrix[2, 2] * z * z
         + 2.0 * (matrix[0, 1] * x * y + matrix[0, 2] * x * z + matrix[1, 2] * y * z)
     )
+
+
+@kernel
+def has_mirror(information, information_code, length, inverse):
+    """Whether the phases see the baseline only in a plane, so that its mirror image has the same length.
+
+    Two double differences of one direction each (three satellites, however many frequencies) leave two
+    points on the sphere; only a code or a prior that is sharp against the length tells them apart.
+    """
+    xx = information[0, 0] - information_code[0, 0]
+    yy = information[1, 1] - information_code[1, 1]
+    zz = information[2, 2] - information_code[2, 2]
+    xy = information[0, 1] - information_code[0, 1]
+    xz = information[0, 2] - information_code[0, 2]
+    yz = information[1, 2] - information_code[1, 2]
+    volume = xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
+    mean = (xx + yy + zz) / 3.0
+    if volume > _FLAT * mean * mean * mean:
+        return False
+    if not invert_3(information, inverse):
+        return True
+    return inverse[0, 0] + inverse[1, 1] + inverse[2, 2] > (_SHARP * length) ** 2
 
 
 @kernel
@@ -699,7 +727,7 @@ def check_held(
                 info[r, c] = info_code[r, c]
         centre(np.int64(0), m, y_held, design, variance_held, group, w, hc, yc, total)
         accumulate(m, w, hc, yc, info, rhs)
-        if not invert_3(info, cov):
+        if not invert_3(info, cov) or (use_length and has_mirror(info, info_code, length, cov)):
             break
         for r in range(3):
             b_free[r] = cov[r, 0] * rhs[0] + cov[r, 1] * rhs[1] + cov[r, 2] * rhs[2]
@@ -994,7 +1022,7 @@ def run_engine(
                 for c in range(3):
                     info[r, c] = info_code[r, c]
             accumulate(m, w, hc, yc, info, rhs)
-            if done or n < 3:
+            if done or n < 3 or (use_length and has_mirror(info, info_code, length, cov)):
                 break
             for k in range(m):
                 slot[k] = slot_of_arc[arc[k]]
