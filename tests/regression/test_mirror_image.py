@@ -1,4 +1,4 @@
-"""Three satellites and a length leave two baselines, one the mirror image of the other: neither is accepted."""
+"""Three satellites and a length leave two baselines, mirror images of each other: neither is accepted."""
 
 from dataclasses import replace
 
