@@ -10,6 +10,7 @@ import pytest
 
 from truenorth._kernels import engine
 from truenorth.ambiguity import resolution
+from truenorth.ambiguity.carried import EngineState
 from truenorth.errors import Reason, Status
 
 TOOLS = Path(__file__).parents[2] / "tools"
@@ -590,3 +591,46 @@ def test_combining_both_directions():
     assert both.status.tolist() == [2, 3, 2, Status.FLOAT, 2]
     assert both.reason[3] == Reason.DIRECTIONS_DISAGREE
     assert both.residual_m.tolist() == [6.0, 9.0, 8.0, 8.0, 9.0]
+
+
+@pytest.mark.parametrize("size", [1, 7, 40])
+@pytest.mark.parametrize("mode", ["carried", "held"])
+def test_blocks_of_epochs_are_the_whole_run(mode, size):
+    rows, _, _, time_s = simulate(n_epochs=90, slips=[(30, 2, 1), (55, 0, 3)], n_bands=2)
+    options = {"hold": mode == "held", "correlation_s": 60.0, "memory_epochs": 10.0}
+    whole = run_filter(rows, time_s, **options)
+    n_arcs, widest = int(rows.arc.max()) + 1, int(np.diff(rows.start).max())
+    state = EngineState.begin(0, n_arcs, widest)
+    every = np.arange(n_arcs)
+    parts = []
+    for first in range(0, 90, size):
+        block, _ = select_epochs(rows, range(first, min(first + size, 90)))
+        if len(parts) % 2:
+            block = replace(block, arc=every[::-1][block.arc])
+        parts.append(run_filter(block, time_s[first : first + size], state=state, **options))
+        # Handed on under the numbers of the next block.
+        state = state.go_on(every, every[::-1], n_arcs, widest)
+    for name in ("table", "status", "reason", "residual_m", "integer_cyc", "numbers"):
+        joined = np.concatenate([getattr(part, name) for part in parts])
+        np.testing.assert_array_equal(joined, getattr(whole, name), err_msg=name)
+    assert np.mean(whole.status >= Status.HELD) > 0.9
+    assert len(whole.events)
+
+
+def test_a_state_keeps_what_goes_on_and_nothing_else():
+    rows, _, _, time_s = simulate(n_epochs=20)
+    state = EngineState.begin(0, int(rows.arc.max()) + 1, int(np.diff(rows.start).max()))
+    run_filter(rows, time_s, state=state)
+    live = np.unique(rows.arc[rows.start[-2] :])
+    new = state.go_on(live, 3 + np.arange(len(live))[::-1], len(live) + 5, 2)
+    n = int(new.carried[engine.N_SLOTS])
+    assert n == len(live)
+    assert (
+        np.isfinite(new.arc_value[engine.HELD]).sum() == np.isfinite(state.arc_value[engine.HELD, live]).sum()
+    )
+    # The slot of an arc names that arc.
+    slots = new.arc_number[engine.SLOT]
+    assert sorted(slots[slots >= 0]) == list(range(n))
+    assert new.slot_arc[slots[slots >= 0]].tolist() == np.flatnonzero(slots >= 0).tolist()
+    assert new.memory[:n, :n] == pytest.approx(state.memory[:n, :n], abs=0.0)
+    assert not new.memory[n:].any()

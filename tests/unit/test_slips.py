@@ -1,6 +1,8 @@
 """Arcs of continuous phase: slips of known size are found, and nothing else is."""
 
 import importlib.util
+import itertools
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -226,3 +228,65 @@ def test_noise_alone_breaks_no_arcs():
     differences, base, rover = simulate(n_epochs=500, phase_sd_m=0.004, n_bands=1)
     found = slips.find_arcs(differences, base, rover, baseline_change_m=1.0)
     assert found.n_arcs == 8
+
+
+def cut(differences, receivers, borders):
+    """Blocks of differences and observations between the borders, rows counted anew in each."""
+    for first, stop in itertools.pairwise(borders):
+        part = slice(differences.start[first], differences.start[stop])
+        per_row = {
+            field.name: getattr(differences, field.name)[part]
+            for field in fields(differences)
+            if field.name != "time_ns" and len(getattr(differences, field.name)) == len(differences.sat)
+        }
+        per_epoch = ("time_ns", "position_ecef_m", "rot_enu_from_ecef", "has_position")
+        block = replace(
+            differences,
+            **{
+                name: value - part.start if name.endswith("_row") else value
+                for name, value in per_row.items()
+            },
+            **{name: getattr(differences, name)[first:stop] for name in per_epoch},
+            start=differences.start[first : stop + 1] - part.start,
+        )
+        yield block, *(receiver.select_epochs(slice(first, stop)) for receiver in receivers)
+
+
+@pytest.mark.parametrize("size", [1, 7, 20])
+@pytest.mark.parametrize("case", ["one flag", "slips", "few satellites", "slow"])
+def test_blocks_have_the_arcs_of_the_whole(case, size):
+    options = {
+        "one flag": {},
+        "slips": {
+            "jumps": [(8, 3, 0, 2), (20, 1, 1, -1), (20, 4, 0, 5)],
+            "flags": [(0, 14, 2, 0), (1, 21, 5, 1), (0, 35, 6, 0)],
+            "missing": [(e, 6) for e in range(30, 38)] + [(e, 5) for e in range(20, 23)],
+        },
+        "few satellites": {"n_sats": 3, "jumps": [(20, 2, 0, 6)]},
+        "slow": {"step_s": 10.0, "missing": [(e, 3) for e in range(19, 23)] + [(e, 1) for e in (24, 25)]},
+    }[case]
+    differences, *receivers = simulate(n_epochs=45, **{"n_bands": 2, **options})
+    # A flag at an epoch of one receiver only, around the border between two blocks.
+    lost = np.flatnonzero((differences.sat == 2) & np.isin(differences.epoch_of_row, (20, 21)))
+    differences.phase_m[lost] = np.nan
+    receivers[1].lli[lost[0]] = LLI_SLIP
+    whole = slips.find_arcs(differences, *receivers, baseline_change_m=1.0)
+    past, events, number, n_arcs, arc = slips.NO_ARCS, [], {}, 0, []
+    for block in cut(differences, receivers, [*range(0, 45, size), 45]):
+        found = slips.find_arcs(*block, baseline_change_m=1.0, past=past)
+        # Numbers of the run for those of the block: known for what goes on, new for what begins.
+        now = {here: number[was] for was, here in zip(past.arc.tolist(), found.resumed.tolist(), strict=True)}
+        for here in range(found.n_arcs):
+            if here not in now:
+                now[here] = n_arcs
+                n_arcs += 1
+        arc += [now.get(here, -1) for here in found.arc.tolist()]
+        past, number = found.ends, now
+        events += found.events
+    # The same partition of the rows, under other numbers.
+    pairs = set(zip(arc, whole.arc.tolist(), strict=True)) - {(-1, -1)}
+    assert len(pairs) == n_arcs == whole.n_arcs
+    assert len({a for a, _ in pairs}) == len({b for _, b in pairs}) == n_arcs
+    assert whole.events
+    # As text, because what a flag tells has no statistic and NaN differs from itself.
+    assert str(events) == str(sorted(whole.events, key=lambda event: event[0]))

@@ -26,6 +26,7 @@ __all__ = [
     "count_phases",
     "is_long_baseline",
     "match_epochs",
+    "match_receivers",
     "match_signals",
     "pair_signals",
 ]
@@ -158,6 +159,32 @@ def match_epochs(base_time_ns, rover_time_ns, max_difference_s):
     first[1:] = base_epoch[order][1:] != base_epoch[order][:-1]
     chosen = np.sort(order[first])
     return base_epoch[chosen].astype(np.int64), rover_epoch[chosen].astype(np.int64)
+
+
+def match_receivers(base, rover, settings):
+    """Pair the epochs of two receivers, as `match_epochs`.
+
+    Parameters
+    ----------
+    base, rover : Observations
+        The two receivers.
+    settings : GnssSettings
+        With the greatest difference of the time tags.
+
+    Returns
+    -------
+    base_epoch, rover_epoch : ndarray of int64
+        Indices of the pairs.
+
+    Raises
+    ------
+    NoSolutionError
+        If there is none.
+    """
+    epochs = match_epochs(base.time_ns, rover.time_ns, settings.max_time_difference_s)
+    if len(epochs[0]) == 0:
+        raise NoSolutionError(_no_common_epochs(base, rover, settings))
+    return epochs
 
 
 def _common_signal(observations):
@@ -368,10 +395,8 @@ def build_single_differences(
         If the receivers have no common epochs, or no common signals on the bands asked for.
     """
     if epochs is None:
-        epochs = match_epochs(base.time_ns, rover.time_ns, settings.max_time_difference_s)
+        epochs = match_receivers(base, rover, settings)
     base_epoch, rover_epoch = epochs
-    if len(base_epoch) == 0:
-        raise NoSolutionError(_no_common_epochs(base, rover, settings))
     is_block = bool(pairs)
     epoch, base_row, rover_row, group, pairs = match_signals(
         base, rover, base_epoch, rover_epoch, settings, pairs or None

@@ -1,22 +1,33 @@
 """The baseline between two antennas from their raw observations, epoch by epoch.
 
-Call stack: read -> single-point positions and clocks -> single differences -> integers -> solution.
+Call stack: read -> single-point positions and clocks -> single differences -> integers -> solution; for a
+long run block after block (`truenorth.attitude.runs`).
 """
 
 import sys
 import time
-from dataclasses import replace
+from dataclasses import fields, replace
+from itertools import chain
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from ..ambiguity.differencing import build_single_differences
-from ..ambiguity.resolution import group_references, resolve_epochs
+from ..ambiguity.carried import ResolutionState
+from ..ambiguity.resolution import estimate_variance_factors, group_references, resolve_epochs
 from ..config import GnssSettings, convert_settings
-from ..errors import NoSolutionError, Reason, Status
+from ..errors import Reason, Status
 from ..frames import azimuth_elevation_from_enu
+from .length_check import (
+    FEW_ACCEPTED,
+    compare_length,
+    is_declared,
+    length_warning,
+    measure_free_length,
+    sample_free_length,
+)
 from .provenance import add_provenance
+from .runs import open_receiver, open_run
 from .solution import BaselineSolution, EpochEvent
 
 __all__ = ["solve_baseline"]
@@ -27,14 +38,29 @@ MISLEADING_LENGTH_M = 0.05
 MIN_EPOCHS_FOR_LENGTH = 10
 """Accepted epochs that an estimate of the length needs."""
 
+RESIDUAL_ROWS = 1_000_000
+"""Residual rows that a solution keeps unless told otherwise (about 50 bytes each)."""
 
-def solve_baseline(base, rover, navigation=(), *, length_m=None, settings=None, progress=None, **overrides):
+
+def solve_baseline(
+    base,
+    rover,
+    navigation=(),
+    *,
+    length_m=None,
+    settings=None,
+    progress=None,
+    block_epochs=None,
+    residual_rows=RESIDUAL_ROWS,
+    **overrides,
+):
     """Baseline from the base to the rover antenna at every common epoch.
 
     Parameters
     ----------
-    base, rover : path or Observations
-        Raw observations of the two receivers (RINEX, UBX).
+    base, rover : path, Observations or blocks
+        Raw observations of the two receivers (RINEX, UBX), or what `truenorth.formats.open_observations`
+        returned.
     navigation : path, sequence of paths or Navigation
         Broadcast ephemerides; may stay empty where the observation logs hold them (UBX).
     length_m : float, optional
@@ -43,6 +69,11 @@ def solve_baseline(base, rover, navigation=(), *, length_m=None, settings=None, 
         All options; the defaults where omitted.
     progress : callable, optional
         Called with (epochs done, epochs in all).
+    block_epochs : int, optional
+        Common epochs that are in memory at a time; the result does not depend on it. By default a run is
+        cut into blocks when it is long. A ``direction`` other than ``forward`` needs the whole run.
+    residual_rows : int
+        Residuals kept at most; in a longer run those of every second, fourth, ... epoch, and a warning.
     **overrides
         Single fields of `GnssSettings` by name.
 
@@ -65,8 +96,6 @@ def solve_baseline(base, rover, navigation=(), *, length_m=None, settings=None, 
     >>> files = ("base.obs", "rover.obs", "brdc.nav")
     >>> solution = truenorth.solve_baseline(*files, length_m=0.99)  # doctest: +SKIP
     """
-    from ..positioning import solve_single_point
-
     settings = settings or GnssSettings()
     if length_m is not None:
         overrides["length_m"] = float(length_m)
@@ -74,25 +103,54 @@ def solve_baseline(base, rover, navigation=(), *, length_m=None, settings=None, 
         table = msgspec.to_builtins(settings) | msgspec.to_builtins(overrides)
         settings = convert_settings(table, GnssSettings)
     stages = _Stages()
-    base, rover, navigation = _read_inputs(base, rover, navigation)
+    base, rover, navigation = _read_inputs(base, rover, navigation, settings)
     stages.end("read")
-    options = {"systems": settings.systems, "elevation_mask_deg": min(settings.elevation_mask_deg, 10.0)}
-    base_point = solve_single_point(base, navigation, **options)
-    rover_point = solve_single_point(rover, navigation, **options)
-    differences = build_single_differences(base, rover, base_point, rover_point, settings)
+    run = open_run(base, rover, navigation, settings, block_epochs=block_epochs)
     said = ()
     if settings.estimate_length:
-        settings, said = _estimate_length(differences, base, rover, settings)
-    resolved = resolve_epochs(differences, base, rover, settings, progress=progress)
-    solution = add_provenance(
-        _assemble(differences, resolved, settings),
-        differences, base, rover, navigation, settings, variance_factors=resolved.variance_factors,
-    )  # fmt: skip
-    check = solution.length_check
-    if check["without_declared"] and check["verdict"] == "disagrees" and _misleads(check["difference_m"]):
-        solution = _distrust(solution, differences, resolved, settings)
-    stages.end("solve")
-    return replace(solution, seconds=stages.seconds, warnings=(*said, *solution.warnings))
+        settings, said = _estimate_length(run, settings)
+
+    def solve(settings, *, is_refuted=False, residual_rows=residual_rows, progress=progress):
+        return _solve(run, settings, is_refuted=is_refuted, residual_rows=residual_rows, progress=progress)
+
+    # A length that the observations refute takes back what was accepted with it.
+    check = sample_free_length(*run.sample(), settings) if is_declared(settings) else None
+    if check is not None and check["verdict"] != "disagrees":
+        check = None
+    solution = solve(settings, is_refuted=_misleads(check))
+    if check is None and is_declared(settings) and np.mean(solution.is_accepted) < FEW_ACCEPTED:
+        free = measure_free_length(lambda free: solve(free, residual_rows=0, progress=None), settings)
+        check = free if free["measured_m"] is not None else None
+        if _misleads(check):
+            solution = solve(settings, is_refuted=True)
+    solution = add_provenance(solution, run.base, run.rover, navigation, settings)
+    check = compare_length(solution) if check is None else check
+    said = (*said, *solution.warnings)
+    if settings.length_use != "off" and (text := length_warning(check)) is not None:
+        said = (*said, text)
+    stages.end("solve", read_s=run.read_s)
+    return replace(solution, seconds=stages.seconds, warnings=tuple(dict.fromkeys(said)), length_check=check)
+
+
+def _solve(run, settings, *, is_refuted=False, residual_rows=RESIDUAL_ROWS, progress=None):
+    """Solve all blocks of a run; `is_refuted` takes back the epochs that are accepted."""
+    factors = estimate_variance_factors(*run.sample()[:1], settings, run.sample()[1])
+    state = ResolutionState()
+    parts, done, every = [], 0, 1
+    for differences, base, rover in run.blocks():
+        own_progress = progress and (lambda k, _, done=done: progress(done + k, run.n_epochs))
+        resolved = resolve_epochs(
+            differences, base, rover, settings, factors=factors, state=state, progress=own_progress
+        )
+        part = _assemble(differences, _take_back(resolved) if is_refuted else resolved, settings)
+        parts.append(_thin(replace(part, residual_epoch=part.residual_epoch + done), every))
+        while sum(len(part.residual_m) for part in parts) > residual_rows and every < 2 * run.n_epochs:
+            every *= 2
+            parts = [_thin(part, every) for part in parts]
+        done += differences.n_epochs
+        if progress is not None and done < run.n_epochs:
+            progress(done, run.n_epochs)
+    return _join(parts, every, factors)
 
 
 class _Stages:
@@ -109,17 +167,18 @@ class _Stages:
         jit = sys.modules.get("truenorth._kernels.jit")
         return 0.0 if jit is None else jit.compile_clock.seconds
 
-    def end(self, stage):
+    def end(self, stage, *, read_s=0.0):
         now, compiled = time.perf_counter(), self._compilation()
         self.seconds["compile"] += compiled - self._compiled
-        self.seconds[stage] = now - self._since - (compiled - self._compiled)
+        self.seconds[stage] = now - self._since - (compiled - self._compiled) - read_s
+        self.seconds["read"] += read_s
         self._since, self._compiled = now, compiled
 
 
-def _estimate_length(differences, base, rover, settings):
+def _estimate_length(run, settings):
     """Length of the rigid baseline from a first run without it; returns (settings, warnings)."""
     free = msgspec.structs.replace(settings, length_m=None, direction_azimuth_deg=None)
-    found = _assemble(differences, resolve_epochs(differences, base, rover, free), free)
+    found = _solve(run, free, residual_rows=0)
     length = found.length_m[found.is_accepted]
     if len(length) < MIN_EPOCHS_FOR_LENGTH:
         text = (
@@ -134,30 +193,27 @@ def _estimate_length(differences, base, rover, settings):
     return settings, (f"length estimated from {len(length)} epochs: {middle:.4f} m, sd {sd:.4f} m",)
 
 
-def _misleads(difference_m):
-    """Whether a length that is wrong by so much can choose wrong integers, not only bend right ones."""
-    return abs(difference_m) > MISLEADING_LENGTH_M
+def _misleads(check):
+    """Whether a length is wrong by so much that it can choose wrong integers, not only bend right ones."""
+    if check is None or check["verdict"] != "disagrees":
+        return False
+    return abs(check["difference_m"]) > MISLEADING_LENGTH_M
 
 
-def _distrust(solution, differences, resolved, settings):
-    """Take back the epochs that were accepted with a length which the observations refute."""
+def _take_back(resolved):
+    """Without the epochs that were accepted with a length which the observations refute."""
     from .._kernels import engine
 
     accepted = resolved.status >= Status.HELD
     has_float = np.isfinite(resolved.table[:, engine.FLOAT_X])
     status = np.where(accepted, np.where(has_float, Status.FLOAT, Status.NONE), resolved.status)
     reason = np.where(accepted, Reason.LENGTH_TEST, resolved.reason)
-    refuted = replace(resolved, status=status.astype(np.uint8), reason=reason.astype(np.uint8))
-    kept = ("settings", "inputs", "warnings", "length_check")
-    return replace(
-        _assemble(differences, refuted, settings), **{name: getattr(solution, name) for name in kept}
-    )
+    return replace(resolved, status=status.astype(np.uint8), reason=reason.astype(np.uint8))
 
 
-def _read_inputs(base, rover, navigation):
-    from ..formats import read_navigation, read_observations
+def _read_inputs(base, rover, navigation, settings):
+    from ..formats import read_navigation
     from ..navigation import Navigation
-    from ..observations import Observations
 
     if isinstance(navigation, (str, Path)):
         navigation = (navigation,)
@@ -166,16 +222,38 @@ def _read_inputs(base, rover, navigation):
         if not paths:
             paths = [p for p in (base, rover) if isinstance(p, (str, Path))]
         navigation = read_navigation(*paths)
-    if not isinstance(base, Observations):
-        base = read_observations(base)
-    if not isinstance(rover, Observations):
-        rover = read_observations(rover)
-    for name, observations in (("base", base), ("rover", rover)):
-        if observations.n_epochs == 0:
-            raise NoSolutionError(
-                f"could not solve: the {name} file {observations.meta.path} holds no epochs"
-            )
-    return base, rover, navigation
+    whole = settings.direction != "forward"
+    return open_receiver(base, whole=whole), open_receiver(rover, whole=whole), navigation
+
+
+def _thin(part, every):
+    """Only the residuals of every so many epochs, so of none where these are more than there are."""
+    if every == 1:
+        return part
+    keep = (part.residual_epoch + 1) % every == 0
+    names = [field.name for field in fields(part) if field.name.startswith("residual_")]
+    return replace(part, **{name: getattr(part, name)[keep] for name in names})
+
+
+def _join(parts, every, factors):
+    """One solution from those of its blocks."""
+    solution = parts[0]
+    if len(parts) > 1:
+        names = [field.name for field in fields(solution) if getattr(solution, field.name) is not None]
+        arrays = [name for name in names if isinstance(getattr(solution, name), np.ndarray)]
+        joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in arrays}
+        solution = replace(
+            solution, **joined, events=tuple(chain.from_iterable(part.events for part in parts))
+        )
+    said = ()
+    if every > 1:
+        text = "none is kept" if every > solution.n_epochs else f"those of every {every}th epoch are kept"
+        said = (
+            f"of the phase residuals {text}, {len(solution.residual_m)} rows; "
+            "`residual_rows` says how many there may be",
+        )
+    inputs = {"variance_factors": {"phase": float(factors[0]), "code": float(factors[1])}}
+    return replace(solution, inputs=inputs, warnings=said)
 
 
 def _assemble(differences, resolved, settings):
@@ -207,6 +285,10 @@ def _assemble(differences, resolved, settings):
         g_el /= (horizontal * size**2)[:, None]
         unit = enu / size[:, None]
 
+    def column(k):
+        # A copy: a view would keep the whole table in memory.
+        return table[:, k].copy()
+
     def spread(g):
         return np.sqrt(np.einsum("ni,nij,nj->n", g, cov, g))
 
@@ -231,15 +313,15 @@ def _assemble(differences, resolved, settings):
         length_sd_m=length_sd,
         n_sats=n_sats.astype(np.int16),
         n_signals=np.nan_to_num(table[:, kernel.N_PHASES]).astype(np.int16),
-        pdop=table[:, kernel.PDOP],
-        hdop=table[:, kernel.HDOP],
-        vdop=table[:, kernel.VDOP],
-        azimuth_dop=table[:, kernel.AZ_DOP],
-        elevation_dop=table[:, kernel.EL_DOP],
-        ratio=table[:, kernel.RATIO],
-        success_probability=table[:, kernel.PROBABILITY],
-        chi2=table[:, kernel.CHI2],
-        chi2_limit=table[:, kernel.CHI2_LIMIT],
+        pdop=column(kernel.PDOP),
+        hdop=column(kernel.HDOP),
+        vdop=column(kernel.VDOP),
+        azimuth_dop=column(kernel.AZ_DOP),
+        elevation_dop=column(kernel.EL_DOP),
+        ratio=column(kernel.RATIO),
+        success_probability=column(kernel.PROBABILITY),
+        chi2=column(kernel.CHI2),
+        chi2_limit=column(kernel.CHI2_LIMIT),
         quality=_quality(status, cov),
         position_ecef_m=d.position_ecef_m,
         residual_epoch=epoch,
@@ -250,8 +332,8 @@ def _assemble(differences, resolved, settings):
         residual_azimuth_rad=d.azimuth_rad[r.row],
         residual_integer_cyc=r.integer_cyc,
         residual_is_reference=is_reference,
-        candidate_length_m=table[:, kernel.LENGTH],
-        candidate_length_sd_m=table[:, kernel.LENGTH_SD],
+        candidate_length_m=column(kernel.LENGTH),
+        candidate_length_sd_m=column(kernel.LENGTH_SD),
         events=tuple(EpochEvent(*event) for event in sorted(r.events, key=lambda event: event[0])),
     )
 

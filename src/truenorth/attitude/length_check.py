@@ -24,6 +24,21 @@ UNANIMOUS = 0.9
 frequency fixes wrongly without the length, that says nothing against the length."""
 
 
+def is_declared(settings):
+    """Tell whether a declared length decides about epochs.
+
+    Parameters
+    ----------
+    settings : GnssSettings
+        Of the run.
+
+    Returns
+    -------
+    bool
+    """
+    return settings.length_m is not None and settings.length_use in ("constrain", "check")
+
+
 def compare_length(solution):
     """Compare the declared antenna separation with the measured one.
 
@@ -55,15 +70,13 @@ def compare_length(solution):
     )
 
 
-def measure_free_length(differences, base, rover, settings):
+def measure_free_length(solve, settings):
     """Compare as `compare_length`, with a run in which the declared length takes no part.
 
     Parameters
     ----------
-    differences : SingleDifferences
-        All epochs.
-    base, rover : Observations
-        The raw observations.
+    solve : callable
+        Takes settings, returns the BaselineSolution of the same run with them.
     settings : GnssSettings
         Of the run whose declared length is under suspicion.
 
@@ -72,9 +85,6 @@ def measure_free_length(differences, base, rover, settings):
     dict
         As `compare_length`.
     """
-    from .._kernels import engine as kernel
-    from ..ambiguity.resolution import resolve_epochs
-
     free = msgspec.structs.replace(
         settings,
         method="lambda",
@@ -83,9 +93,9 @@ def measure_free_length(differences, base, rover, settings):
         ratio_test="none",
         min_epochs_to_fix=1,
     )
-    resolved = resolve_epochs(differences, base, rover, free)
-    accepted = (resolved.status == Status.FIXED) | (resolved.status == Status.HELD)
-    length_m, length_sd_m = (resolved.table[accepted, column] for column in (kernel.LENGTH, kernel.LENGTH_SD))
+    found = solve(free)
+    use = found.is_accepted
+    length_m, length_sd_m = found.length_m[use], found.length_sd_m[use]
     if not _are_unanimous(length_m, length_sd_m):
         length_m, length_sd_m = length_m[:0], length_sd_m[:0]
     return _compare(
@@ -98,7 +108,7 @@ def measure_free_length(differences, base, rover, settings):
     )
 
 
-def sample_free_length(differences, settings):
+def sample_free_length(differences, sample, settings):
     """Compare as `compare_length`, with a sample of epochs that are resolved without the length.
 
     A wrong length can win the search for hundreds of epochs, with residuals that the estimated noise
@@ -107,7 +117,9 @@ def sample_free_length(differences, settings):
     Parameters
     ----------
     differences : SingleDifferences
-        All epochs.
+        All epochs, or a sample of them.
+    sample : ndarray of int or None
+        Epochs to resolve; None takes a sample of them.
     settings : GnssSettings
         Of the run.
 
@@ -120,7 +132,7 @@ def sample_free_length(differences, settings):
     from ..ambiguity.resolution import resolve_sample
 
     free = msgspec.structs.replace(settings, method="lambda", length_use="off", ratio_test="none")
-    resolved, sample = resolve_sample(differences, free)
+    resolved, sample = resolve_sample(differences, free, sample)
     accepted = sample[resolved.status[sample] >= Status.HELD]
     length_m, length_sd_m = (resolved.table[accepted, column] for column in (kernel.LENGTH, kernel.LENGTH_SD))
     if len(accepted) < MIN_SAMPLE_ACCEPTED or not _are_unanimous(length_m, length_sd_m):

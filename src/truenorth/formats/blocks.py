@@ -29,7 +29,7 @@ class ObservationBlocks:
 
     def __init__(self, observations):
         self._observations = observations
-        self.time_ns, self.meta = observations.time_ns, observations.meta
+        self.time_ns, self.meta, self.n_rows = observations.time_ns, observations.meta, observations.n_rows
         self.sat = np.unique(observations.sat)
 
     @property
@@ -64,7 +64,7 @@ def open_observations(path):
     Returns
     -------
     RinexObservationBlocks or ObservationBlocks
-        With ``time_ns``, ``n_epochs``, ``sat`` and ``meta`` of the whole file, and ``ranges``.
+        With ``time_ns``, ``n_epochs``, ``n_rows``, ``sat`` and ``meta`` of the whole file, and ``ranges``.
 
     Raises
     ------

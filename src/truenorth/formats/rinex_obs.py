@@ -179,6 +179,8 @@ class RinexObservationBlocks:
         Of all epochs, as in `Observations`.
     sat : ndarray of int16
         Satellites of the file, each once.
+    n_rows : int
+        Rows of all epochs.
     meta : ObservationMeta
         As of the whole file.
 
@@ -191,11 +193,12 @@ class RinexObservationBlocks:
     def __init__(self, pieces, path=None):
         self._pieces, self._path = pieces, path
         body = _Body(pieces(), path)
-        times, seen = [], np.zeros(100 * len(SYSTEMS), bool)
+        times, seen, self.n_rows = [], np.zeros(100 * len(SYSTEMS), bool), 0
         while not times or len(times[-1]):
             epochs, rows, _ = body.read(_SURVEY_EPOCHS)
             times.append(epochs["time_ns"])
             seen[rows["sat"]] = True
+            self.n_rows += len(rows["sat"])
         body.judge()
         self.time_ns = _to_gpst(np.concatenate(times), body.header)
         self._keep = _increasing(self.time_ns, body.header)
