@@ -247,7 +247,7 @@ def _join(parts, every, factors):
         )
     said = ()
     if every > 1:
-        text = "none is kept" if every > solution.n_epochs else f"those of every {every}th epoch are kept"
+        text = "none is kept" if every > solution.n_epochs else f"those of one epoch in {every} are kept"
         said = (
             f"of the phase residuals {text}, {len(solution.residual_m)} rows; "
             "`residual_rows` says how many there may be",

@@ -37,7 +37,7 @@ def attitude_html(solution):
     summary, subtitle = summarize_solution(solution), caption(solution)
     whole = solution
     solution, step = thin_epochs(solution, keep=np.any(solution.is_excluded, axis=1))
-    subtitle += f"; every {step}th epoch is drawn" if step > 1 else ""
+    subtitle += f"; one epoch in {step} is drawn" if step > 1 else ""
     time = gpst_to_datetime64(solution.time_ns)
     figures = [
         (

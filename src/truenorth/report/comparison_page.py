@@ -61,7 +61,7 @@ def comparison_html(comparison, *, solution=None, title=None, subtitle="", rows=
     spread = _spread(go, comparison)
     comparison, step = thin_epochs(comparison, keep=comparison.is_wrong)
     if step > 1:
-        subtitle += f"{'; ' if subtitle else ''}every {step}th epoch is drawn, and all wrong ones"
+        subtitle += f"{'; ' if subtitle else ''}one epoch in {step} is drawn, and all wrong ones"
     time = gpst_to_datetime64(comparison.time_ns)
     figures = []
     if comparison.latitude_deg is not None:
