@@ -73,11 +73,15 @@ def checks_of(cell, run, tally):
 
 CAUSES = {
     "level": "the posterior takes every direction as equally likely, and this platform is level",
-    "bent": "weak geometry or a sigma above 3 degrees: over such errors the sphere of the known length is not "
-    "flat, and may pass the observations twice, the wrong place little worse than the right one",
+    "length": "what `lambda` accepts has also passed the test of the known length, and is surer than stated; "
+    "without that test the cell is within",
+    "bent": "weak geometry, nearly all of it in epochs of a PDOP above 8, or a sigma above 1.5 degrees: over "
+    "such errors the sphere of the known length is not flat, and may pass the observations twice, the wrong "
+    "place little worse than the right one",
     "few": "fewer than 5 % accepted: those whose noise happened to be small",
-    "air": "height differences: the delay of the air between the antennas is left out below 20 m, and above "
-    "follows from the two single-point heights, noise included",
+    "air": "the solver leaves out the delay of the air between antennas of different height below 20 m, and "
+    "from there on takes it from the two single-point heights, noise included; without air, or without that "
+    "correction of level baselines, the cells are within",
     "?": "not explained",
 }
 """Why a check may be outside its bounds, the first that applies."""
@@ -87,13 +91,15 @@ def cause(check, tally):
     """Key of `CAUSES`."""
     cell = check.cell
     if check.measure in MEASURES[:2]:
-        return "level" if check.run.method == "constrained" and not cell.any_direction else "?"
+        if check.run.method == "constrained":
+            return "?" if cell.any_direction else "level"
+        return "length" if check.measure == MEASURES[1] and check.observed < check.stated else "?"
     is_weak = check.run.method == "constrained" and cell.n_satellites <= 5
-    if is_weak or np.degrees(np.sqrt(tally.heading_variance_rad2 / tally.headings)) > 3.0:
+    if is_weak or np.degrees(np.sqrt(tally.heading_variance_rad2 / tally.headings)) > 1.5:
         return "bent"
     if tally.accepted < 0.05 * tally.draws:
         return "few"
-    return "air" if cell.length_m > 20.0 or (cell.any_direction and cell.length_m >= 1.0) else "?"
+    return "air" if cell.length_m >= 20.0 or (cell.any_direction and cell.length_m >= 1.0) else "?"
 
 
 def told_checks(table):

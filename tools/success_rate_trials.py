@@ -181,15 +181,18 @@ def emulate(cell, day, interval_s, seed):
         has_phase = np.isfinite(observations.phase_cyc)
         count = np.bincount(observations.epoch_of_row[has_phase], minlength=len(complete))
         complete &= count == cell.n_satellites * len(BANDS[-1])
-    receivers, keys, integers = [], [], []
+    receivers, keys, integers, turns = [], [], [], []
     for name, observations in simulation.observations.items():
         rows = complete[observations.epoch_of_row]
         receivers.append(observations.select_epochs(complete))
         epoch = np.cumsum(complete)[observations.epoch_of_row[rows]] - 1
         keys.append(row_key(epoch, observations.sat[rows], observations.signal[rows]))
         integers.append(simulation.signal_truth[name]["integer_cyc"][rows])
+        turns.append(simulation.signal_truth[name]["windup_cyc"][rows])
     # Satellites that only one of the two tracks have no single difference.
     key, at_base, at_rover = np.intersect1d(*keys, assume_unique=True, return_indices=True)
+    # Two antennas that lost a satellite may count its wind-up from different whole cycles.
+    windup = np.rint(turns[1][at_rover] - turns[0][at_base])
     aft, fore = (simulation.truth[f"antenna_ecef_m:{name}"][complete] for name in simulation.observations)
     latitude, longitude, _ = geodetic_from_ecef(aft)
     to_enu = rot_enu_from_ecef(latitude, longitude)
@@ -197,7 +200,7 @@ def emulate(cell, day, interval_s, seed):
         *receivers,
         simulation.navigation,
         key,
-        integers[1][at_rover] - integers[0][at_base],
+        integers[1][at_rover] - integers[0][at_base] + windup,
         np.einsum("nij,nj->ni", to_enu, fore - aft),
     )
 
