@@ -1,5 +1,6 @@
 """Scenario files: strict, layered, and changed from the command line by dotted keys."""
 
+import numpy as np
 import pytest
 
 import truenorth as tn
@@ -40,6 +41,14 @@ def test_overrides_take_dotted_keys():
     assert scenario.platform.antennas[1].position_body_m == (2.0, 0.0, 0.0)
     assert scenario.platform.antennas[0].receiver.clock.oscillator == "common"
     assert read_scenario(scenario, {"seed": 9}).seed == 9
+
+
+def test_numbers_of_numpy_are_numbers():
+    table = pair(duration_s=np.float64(3.0), heading_deg=np.int64(12))
+    table["platform"]["antennas"][1]["position_body_m"] = np.array([2.0, 0.0, 0.0])
+    scenario = read_scenario(table, {"seed": np.int64(4)})
+    assert (scenario.duration_s, scenario.motion.heading_deg, scenario.seed) == (3.0, 12.0, 4)
+    assert scenario.platform.antennas[1].position_body_m == (2.0, 0.0, 0.0)
 
 
 def test_an_antenna_lays_its_receiver_over_the_common_one():

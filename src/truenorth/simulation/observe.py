@@ -26,7 +26,7 @@ from .multipath import reflected_ray
 from .randomness import stream
 from .receivers import ConstantNoise, ReceiverClock, antenna_gain_db, chip_length_m, noise_sd
 
-__all__ = ["AntennaBlock", "AntennaSimulator", "Rays", "rays_in_view"]
+__all__ = ["AntennaBlock", "AntennaSimulator", "Rays", "RaysInView"]
 
 _L1_HZ = 1575.42e6
 _LOWEST_RAD = np.radians(-3.0)
@@ -47,11 +47,14 @@ class Rays:
         Satellite, increasing within an epoch.
     travel_s : ndarray, shape (n,)
         Approximate travel time.
+    windup_cyc : ndarray, shape (n,)
+        Carrier wind-up, continuous in time for every satellite.
     """
 
     epoch: np.ndarray
     sat: np.ndarray
     travel_s: np.ndarray
+    windup_cyc: np.ndarray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,26 +83,96 @@ class AntennaBlock:
     slips: tuple[tuple[int, str, int, int, int], ...]
 
 
-def rays_in_view(sky, trajectory, start_ns, time_s):
-    """Candidate rays from the platform's origin at instants ``time_s`` after ``start_ns``.
+class RaysInView:
+    """Finds the candidate rays of a platform; the wind-up of its satellites is carried between blocks.
 
-    Returns
-    -------
-    Rays
+    All antennas of a platform turn together, so wind-up is that of the platform: its whole cycles are then
+    the same for all antennas, whatever each of them loses on the way.
+
+    Parameters
+    ----------
+    sky : Sky
+        Where satellites are.
+    trajectory : Trajectory
+        How the platform moves.
+    start_ns : int
+        GPS time of the start, nanoseconds.
+    phase_windup : bool
+        Whether the carrier winds up at all.
     """
-    sats = np.asarray(sky.satellites, dtype=np.int64)
-    motion = trajectory.at(time_s)
-    n, m = len(time_s), len(sats)
-    time_ns = start_ns + np.rint(time_s * 1e9).astype(np.int64)
-    epoch, sat = np.repeat(np.arange(n), m), np.tile(sats, n)
-    position, _, _, _, status = sky.true_states(sat, time_ns[epoch], np.full(n * m, 0.075))
-    ray = position - motion.position_ecef_m[epoch]
-    distance = np.linalg.norm(ray, axis=1)
-    latitude, longitude, _ = geodetic_from_ecef(motion.position_ecef_m)
-    up = rot_enu_from_ecef(latitude, longitude)[:, 2, :]
-    with np.errstate(invalid="ignore"):
-        keep = (status == 0) & (np.einsum("ni,ni->n", ray, up[epoch]) > np.sin(_LOWEST_RAD) * distance)
-    return Rays(epoch[keep], sat[keep], distance[keep] / SPEED_OF_LIGHT_MPS)
+
+    def __init__(self, sky, trajectory, start_ns, *, phase_windup=True):
+        self._sky = sky
+        self._trajectory = trajectory
+        self._start_ns = start_ns
+        self._sats = np.asarray(sky.satellites, dtype=np.int64)
+        self._windup_cyc = np.full(len(self._sats), np.nan)
+        self._phase_windup = phase_windup
+
+    def step(self, time_s):
+        """Rays at instants after the start, which go on from the previous call.
+
+        Parameters
+        ----------
+        time_s : ndarray, shape (n,)
+            Seconds since the start.
+
+        Returns
+        -------
+        Rays
+        """
+        motion = self._trajectory.at(time_s)
+        n, m = len(time_s), len(self._sats)
+        time_ns = self._start_ns + np.rint(time_s * 1e9).astype(np.int64)
+        epoch, sat = np.repeat(np.arange(n), m), np.tile(self._sats, n)
+        position, velocity, _, _, status = self._sky.true_states(sat, time_ns[epoch], np.full(n * m, 0.075))
+        ray = position - motion.position_ecef_m[epoch]
+        distance = np.linalg.norm(ray, axis=1)
+        latitude, longitude, _ = geodetic_from_ecef(motion.position_ecef_m)
+        up = rot_enu_from_ecef(latitude, longitude)[:, 2, :]
+        with np.errstate(invalid="ignore"):
+            is_up = np.einsum("ni,ni->n", ray, up[epoch]) > np.sin(_LOWEST_RAD) * distance
+        keep = (status == 0) & is_up
+        epoch, sat, distance = epoch[keep], sat[keep], distance[keep]
+        windup = np.zeros(len(sat))
+        if self._phase_windup:
+            unit = ray[keep] / distance[:, None]
+            turn = _windup_turn(unit, position[keep], velocity[keep], motion.rot_ecef_from_body[epoch])
+            windup = self._unwrap(sat, turn)
+        return Rays(epoch, sat, distance / SPEED_OF_LIGHT_MPS, windup)
+
+    def _unwrap(self, sat, turn):
+        """Turns in cycles made continuous satellite by satellite, from where the last block ended."""
+        windup = np.empty(len(sat))
+        order = np.argsort(sat, kind="stable")
+        starts = np.flatnonzero(np.diff(sat[order], prepend=-1))
+        for first, last in zip(starts, [*starts[1:], len(sat)], strict=True):
+            rows = order[first:last]
+            place = np.searchsorted(self._sats, sat[rows[0]])
+            before = self._windup_cyc[place]
+            values = turn[rows] if np.isnan(before) else np.concatenate(([before], turn[rows]))
+            values = np.unwrap(values, period=1.0)
+            windup[rows] = values[-len(rows) :]
+            self._windup_cyc[place] = values[-1]
+        return windup
+
+
+def _windup_turn(unit_ecef, satellite_ecef_m, satellite_ecef_mps, rot_ecef_from_body):
+    """Carrier wind-up of rays but for whole cycles (Wu et al. 1993), shape (n,)."""
+    k = -unit_ecef
+    forward, left = rot_ecef_from_body[:, :, 0], -rot_ecef_from_body[:, :, 1]
+    receiver = forward - k * np.einsum("ni,ni->n", k, forward)[:, None] + np.cross(k, left)
+    # Satellite axes: z to the Earth, y against the orbit normal; the antenna's own yaw is common to all.
+    radial = satellite_ecef_m / np.linalg.norm(satellite_ecef_m, axis=1)[:, None]
+    inertial = satellite_ecef_mps + EARTH_RATE_RADPS * np.stack(
+        [-satellite_ecef_m[:, 1], satellite_ecef_m[:, 0], np.zeros(len(k))], axis=-1
+    )
+    y = -np.cross(radial, inertial)
+    y /= np.linalg.norm(y, axis=1)[:, None]
+    x = np.cross(y, -radial)
+    satellite = x - k * np.einsum("ni,ni->n", k, x)[:, None] - np.cross(k, y)
+    sine = np.einsum("ni,ni->n", k, np.cross(satellite, receiver))
+    return np.arctan2(sine, np.einsum("ni,ni->n", satellite, receiver)) / (2.0 * np.pi)
 
 
 class AntennaSimulator:
@@ -144,7 +217,6 @@ class AntennaSimulator:
 
         self._state = np.full((len(self._sats) * self._signals.shape[1], N_STATE), np.nan)
         self._state[:, 2] = 0.0
-        self._windup_cyc = np.full(len(self._sats), np.nan)
         self._slips = scenario.slips.draw(
             stream(seed, "scheduled slips"), scenario.duration_s, len(scenario.platform.antennas)
         )
@@ -184,7 +256,7 @@ class AntennaSimulator:
         first, last : int
             Range of epochs; goes on where the previous call ended.
         rays : Rays
-            From `rays_in_view` for the same epochs.
+            From `RaysInView` for the same epochs.
 
         Returns
         -------
@@ -225,11 +297,12 @@ class AntennaSimulator:
         environment = self._scenario.environment
         is_tracked = self._signals[rays.sat // 100, 0] >= 0
         e, sat, travel = rays.epoch[is_tracked], rays.sat[is_tracked], rays.travel_s[is_tracked]
+        windup = rays.windup_cyc[is_tracked]
         where, speed, sat_clock, sat_drift, status = self._sky.true_states(
             sat, tag_ns[e], clock_s[e] + travel
         )
         good = status == 0
-        e, sat, travel = e[good], sat[good], travel[good]
+        e, sat, travel, windup = e[good], sat[good], travel[good], windup[good]
         where, speed, sat_clock, sat_drift = where[good], speed[good], sat_clock[good], sat_drift[good]
         latitude, longitude, _ = geodetic_from_ecef(position)
         to_enu = rot_enu_from_ecef(latitude, longitude)[e]
@@ -270,9 +343,7 @@ class AntennaSimulator:
             "azimuth_rad": azimuth,
             "elevation_rad": elevation,
             "unit_body": unit_body,
-            "unit_ecef": unit,
-            "satellite_ecef_m": turned,
-            "satellite_ecef_mps": turned_speed,
+            "windup_cyc": windup,
             "range_m": SPEED_OF_LIGHT_MPS * travel - delay_m,
             "range_rate_mps": closing / (1.0 + drag),
             "satellite_clock_m": SPEED_OF_LIGHT_MPS * sat_clock,
@@ -303,7 +374,6 @@ class AntennaSimulator:
         ray["loss_db"] = loss_db[keep]
         ray["azimuth_body_rad"] = azimuth_body[keep]
         ray["gain_db"] = antenna_gain_db(receiver, ray["unit_body"] @ boresight)
-        ray["windup_cyc"] = self._windup(ray, motion)
         ray["echoes"] = [
             self._echo(ray, reflector, boresight, motion) for reflector in receiver.multipath.reflectors
         ]
@@ -326,39 +396,6 @@ class AntennaSimulator:
         is_hit = (towards > 0.0) & (ray["elevation_rad"] >= low) & (ray["elevation_rad"] <= high)
         amplitude = np.where(is_hit, np.minimum(reflector.coefficient * 10.0 ** (gain / 20.0), 0.99), 0.0)
         return 2.0 * reflector.distance_m * np.maximum(towards, 0.0), amplitude
-
-    def _windup(self, ray, motion):
-        """Carrier wind-up in cycles, continuous in time for every satellite (Wu et al. 1993)."""
-        n = len(ray["sat"])
-        if not self._scenario.environment.phase_windup:
-            return np.zeros(n)
-        rot = motion.rot_ecef_from_body[ray["epoch"]]
-        k = -ray["unit_ecef"]
-        forward, left = rot[:, :, 0], -rot[:, :, 1]
-        receiver = forward - k * np.einsum("ni,ni->n", k, forward)[:, None] + np.cross(k, left)
-        # Satellite axes: z to the Earth, y against the orbit normal; the antenna's own yaw is common to all.
-        radial = ray["satellite_ecef_m"] / np.linalg.norm(ray["satellite_ecef_m"], axis=1)[:, None]
-        inertial = ray["satellite_ecef_mps"] + EARTH_RATE_RADPS * np.stack(
-            [-ray["satellite_ecef_m"][:, 1], ray["satellite_ecef_m"][:, 0], np.zeros(n)], axis=-1
-        )
-        y = -np.cross(radial, inertial)
-        y /= np.linalg.norm(y, axis=1)[:, None]
-        x = np.cross(y, -radial)
-        satellite = x - k * np.einsum("ni,ni->n", k, x)[:, None] - np.cross(k, y)
-        sine = np.einsum("ni,ni->n", k, np.cross(satellite, receiver))
-        turn = np.arctan2(sine, np.einsum("ni,ni->n", satellite, receiver)) / (2.0 * np.pi)
-        windup = np.empty(n)
-        order = np.argsort(ray["sat"], kind="stable")
-        starts = np.flatnonzero(np.diff(ray["sat"][order], prepend=-1))
-        for first, last in zip(starts, [*starts[1:], n], strict=True):
-            rows = order[first:last]
-            place = np.searchsorted(self._sats, ray["sat"][rows[0]])
-            before = self._windup_cyc[place]
-            values = turn[rows] if np.isnan(before) else np.concatenate(([before], turn[rows]))
-            values = np.unwrap(values, period=1.0)
-            windup[rows] = values[-len(rows) :]
-            self._windup_cyc[place] = values[-1]
-        return windup
 
     def _measure(self, ray, grid_s, clock_s, clock_rate, unfollowed_s):
         """Rows of signals with every term, in the order of a file."""

@@ -15,7 +15,7 @@ from ..observations import Observations
 from ..sensor_log import SensorLog
 from ..sensors import simulate_sensors
 from .motion import Trajectory, build_trajectory
-from .observe import AntennaBlock, AntennaSimulator, rays_in_view
+from .observe import AntennaBlock, AntennaSimulator, RaysInView
 from .randomness import stream
 from .scenario import Scenario, read_scenario
 from .sky import Sky, build_sky
@@ -154,10 +154,16 @@ class Simulator:
         SimulationBlock
         """
         n = self.scenario.n_epochs
+        view = RaysInView(
+            self.sky,
+            self.trajectory,
+            self.scenario.start_ns,
+            phase_windup=self.scenario.environment.phase_windup,
+        )
         for first in range(0, n, block_epochs):
             last = min(first + block_epochs, n)
             time_s = self.scenario.epoch_s(first, last)
-            rays = rays_in_view(self.sky, self.trajectory, self.scenario.start_ns, time_s)
+            rays = view.step(time_s)
             antennas = {name: antenna.step(first, last, rays) for name, antenna in self.antennas.items()}
             yield SimulationBlock(first, last, antennas, self._truth(first, last, antennas))
             if progress is not None:

@@ -249,11 +249,11 @@ def read_scenario(
         table, folder = msgspec.to_builtins(scenario), scenario.folder
     elif isinstance(scenario, Mapping):
         folder = str(scenario.get("folder", ""))
-        table = _extended(copy.deepcopy(dict(scenario)), folder, ())
+        table = _extended(_plain(scenario), folder, ())
     else:
         table, folder = _read_table(scenario, ())
     for key, value in _parse_overrides(overrides):
-        _put(table, key, value)
+        _put(table, key, _plain(value))
     antennas = (
         table.get("platform", {}).get("antennas", ()) if isinstance(table.get("platform"), dict) else ()
     )
@@ -262,6 +262,15 @@ def read_scenario(
             antenna["receiver"] = _laid_over(table.get("receiver", {}), antenna.get("receiver", {}))
     table["folder"] = str(folder)
     return convert_settings(table, Scenario)
+
+
+def _plain(value: Any) -> Any:
+    """A copy of tables and lists in which numbers and arrays of NumPy are plain ones."""
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return [_plain(entry) for entry in value] if isinstance(value, list | tuple) else value
 
 
 def _read_table(name: str | os.PathLike[str], trail: tuple[str, ...]) -> tuple[dict[str, Any], str]:
