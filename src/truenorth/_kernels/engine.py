@@ -47,8 +47,8 @@ N_COLUMNS = 36
 
 # What is carried from epoch to epoch beside the memory: of the run, and rows of values of every arc.
 N_SLOTS, WEIGHT, WINS, TIME = 0, 1, 2, 3
-ACCEPTED_TIME, ACCEPTED_VARIANCE, ACCEPTED_X = 4, 5, 6
-N_CARRIED = 9
+HELD_PROBABILITY, ACCEPTED_TIME, ACCEPTED_VARIANCE, ACCEPTED_X = 4, 5, 6, 7
+N_CARRIED = 10
 SLOT, VOTES, STRIKES = 0, 1, 2
 HELD, CANDIDATE, WINNER = 0, 1, 2
 
@@ -905,6 +905,7 @@ def run_engine(
     weight = carried[WEIGHT]
     wins = np.int64(carried[WINS])
     time_before = carried[TIME]
+    probability_held = carried[HELD_PROBABILITY]
     time_last = carried[ACCEPTED_TIME]
     variance_last = carried[ACCEPTED_VARIANCE]
     b_last = carried[ACCEPTED_X:]
@@ -1001,7 +1002,8 @@ def run_engine(
         if done:
             status[e] = S_HELD
             reason[e] = R_OK
-            row[PROBABILITY] = 1.0
+            # What is held is no surer than it was when it was fixed.
+            row[PROBABILITY] = probability_held
             row[N_PHASES] = n_held
             for k in range(m):
                 if held[arc[k]] == held[arc[k]] and variance_held[k] < _ABSENT:
@@ -1113,6 +1115,7 @@ def run_engine(
             if wins >= min_epochs_to_fix:
                 status[e] = S_FIXED
                 if hold:
+                    probability_held = row[PROBABILITY]
                     # Integers held of satellites out of view may refer to another first row.
                     for a in range(n_arcs):
                         held[a] = np.nan
@@ -1162,6 +1165,7 @@ def run_engine(
     carried[WEIGHT] = weight
     carried[WINS] = wins
     carried[TIME] = time_before
+    carried[HELD_PROBABILITY] = probability_held
     carried[ACCEPTED_TIME] = time_last
     carried[ACCEPTED_VARIANCE] = variance_last
     return counter[0]

@@ -126,7 +126,7 @@ class BaselineSolution(SolutionOutputs):
         Objective of the second-best over the best candidate. Exact up to 3, or to the threshold of the
         ratio test; above, a lower bound. NaN where there is no candidate.
     success_probability : ndarray of float64, shape (n,)
-        Posterior probability of the winning integers.
+        Posterior probability of the winning integers; of held ones that with which they were fixed.
     chi2, chi2_limit : ndarray of float64, shape (n,)
         Residual test of the winner and its limit.
     quality : ndarray of uint8, shape (n,)
