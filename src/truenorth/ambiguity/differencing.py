@@ -314,21 +314,21 @@ def match_signals(base, rover, base_epoch, rover_epoch, settings, pairs=None):
         pairs = pair_signals(*counts)
 
     found = []
-    taken = np.empty(0, np.int64)
-    key_b = (epoch_b * 1000 + base.sat[rows_b]) * 10
-    key_r = (epoch_r * 1000 + rover.sat[rows_r]) * 10
+    taken = {}
+    key_b = epoch_b * 1000 + base.sat[rows_b]
+    key_r = epoch_r * 1000 + rover.sat[rows_r]
     for group, (system, signal_base, signal_rover) in enumerate(pairs):
         in_b = np.flatnonzero(kinds_b == system * 1000 + signal_base)
         in_r = np.flatnonzero(kinds_r == system * 1000 + signal_rover)
-        band = signal_base // 100
-        common, at_b, at_r = np.intersect1d(
-            key_b[in_b] + band, key_r[in_r] + band, assume_unique=True, return_indices=True
-        )
-        fresh = ~np.isin(common, taken)
-        if not np.any(fresh):
+        common, at_b, at_r = np.intersect1d(key_b[in_b], key_r[in_r], assume_unique=True, return_indices=True)
+        band = (system, signal_base // 100)
+        if band in taken:
+            fresh = ~np.isin(common, taken[band])
+            common, at_b, at_r = common[fresh], at_b[fresh], at_r[fresh]
+        if len(common) == 0:
             continue
-        taken = np.concatenate((taken, common[fresh]))
-        pick_b, pick_r = in_b[at_b[fresh]], in_r[at_r[fresh]]
+        taken[band] = np.concatenate((taken[band], common)) if band in taken else common
+        pick_b, pick_r = in_b[at_b], in_r[at_r]
         found.append((epoch_b[pick_b], rows_b[pick_b], rows_r[pick_r], np.full(len(pick_b), group)))
     if not found:
         empty = np.empty(0, np.int64)

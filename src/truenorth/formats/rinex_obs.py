@@ -226,7 +226,7 @@ class RinexObservationBlocks:
         Observations
             With the metadata and channels of the whole file, and the events of the block.
         """
-        body = _Body(self._pieces(), self._path)
+        body = _Body(self._pieces(), self._path, count_lines=False)
         at = 0
         for first, stop in ranges:
             kept = np.arange(first, stop) if self._keep is None else self._keep[first:stop]
@@ -610,12 +610,14 @@ class _Body:
         epoch and its lines are never apart.
     path : str or os.PathLike, optional
         For messages.
+    count_lines : bool
+        Whether lines are counted from piece to piece, which messages need.
     """
 
-    def __init__(self, pieces, path):
+    def __init__(self, pieces, path, *, count_lines=True):
         from .._kernels import rinex_obs as body
 
-        self._path = path
+        self._path, self._count_lines = path, count_lines
         self._pieces = iter(pieces)
         self._next = next(self._pieces, None)
         self._lines_before = 0
@@ -664,8 +666,9 @@ class _Body:
         """Go on with the text that follows; false at the end of the file."""
         if self._next is None and not self._rest:
             return False
-        self._note_lines()
-        self._lines_before += self._data.count(b"\n")
+        if self._count_lines:
+            self._note_lines()
+            self._lines_before += self._data.count(b"\n")
         self._load(self._rest if self._next is None else self._follow(self._rest), 0)
         return True
 
