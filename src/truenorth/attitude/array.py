@@ -19,8 +19,9 @@ from ..errors import ConfigError, NoSolutionError, Reason, Status
 from ..timescales import NS_PER_S
 from .adjustment import ArrayAdjustment, free_of_length
 from .array_solution import AttitudeSolution
-from .baselines import solve_baseline
+from .baselines import RESIDUAL_ROWS, solve_baseline
 from .provenance import describe_observations
+from .runs import open_receiver
 from .solution import EpochEvent
 
 __all__ = ["attitude_from_baselines", "solve_array"]
@@ -99,7 +100,7 @@ def solve_array(
     names = tuple(names) if names is not None else tuple(f"antenna {k}" for k in range(len(observations)))
     _check_array(observations, positions_body_m, names, settings)
     started = time.perf_counter()
-    base, navigation = _read_reference(observations, navigation)
+    base, navigation = _read_reference(observations, navigation, settings)
     seconds = {"read": time.perf_counter() - started, "compile": 0.0, "solve": 0.0}
 
     baselines, warnings = [], []
@@ -110,7 +111,12 @@ def solve_array(
         )
         try:
             solution = solve_baseline(
-                base, rover, navigation, settings=own, progress=_part(progress, k, len(observations) - 1)
+                base,
+                rover,
+                navigation,
+                settings=own,
+                progress=_part(progress, k, len(observations) - 1),
+                residual_rows=RESIDUAL_ROWS if keep_residuals else 0,
             )
         except NoSolutionError as error:
             warnings.append(f"{names[k + 1]}: left out, {error}")
@@ -119,7 +125,7 @@ def solve_array(
         for stage in seconds:
             seconds[stage] += solution.seconds[stage]
         warnings += [f"{names[k + 1]}: {text}" for text in solution.warnings]
-        baselines.append(solution if keep_residuals else _without_residuals(solution))
+        baselines.append(solution)
     if all(solution is None for solution in baselines):
         raise NoSolutionError(f"could not solve the array: {'; '.join(warnings)}")
 
@@ -300,9 +306,9 @@ def _check_array(observations, positions_body_m, names, settings):
         )
 
 
-def _read_reference(observations, navigation):
+def _read_reference(observations, navigation, settings):
     """Observations of the reference antenna, and the ephemerides."""
-    from ..formats import read_navigation, read_observations
+    from ..formats import read_navigation
     from ..navigation import Navigation
     from ..observations import Observations
 
@@ -314,9 +320,7 @@ def _read_reference(observations, navigation):
         )
         paths = paths or [entry for entry in observations if not isinstance(entry, Observations)]
         navigation = read_navigation(*paths)
-    base = observations[0]
-    if not isinstance(base, Observations):
-        base = read_observations(base)
+    base = open_receiver(observations[0], whole=settings.direction != "forward")
     if base.n_epochs == 0:
         raise NoSolutionError(f"could not solve: the reference file {base.meta.path} holds no epochs")
     return base, navigation
@@ -327,9 +331,3 @@ def _part(progress, k, n_parts):
     if progress is None:
         return None
     return lambda done, total: progress(k * total + done, n_parts * total)
-
-
-def _without_residuals(solution):
-    """The solution without its phase residuals."""
-    names = [name for name in solution.__dataclass_fields__ if name.startswith("residual_")]
-    return replace(solution, **{name: getattr(solution, name)[:0].copy() for name in names})

@@ -73,7 +73,7 @@ def solve_baseline(
         Common epochs that are in memory at a time; the result does not depend on it. By default a run is
         cut into blocks when it is long. A ``direction`` other than ``forward`` needs the whole run.
     residual_rows : int
-        Residuals kept at most; in a longer run those of every second, fourth, ... epoch, and a warning.
+        Residuals kept at most: in a longer run those of every second, fourth, ... epoch, with a warning.
     **overrides
         Single fields of `GnssSettings` by name.
 
@@ -150,7 +150,7 @@ def _solve(run, settings, *, is_refuted=False, residual_rows=RESIDUAL_ROWS, prog
         done += differences.n_epochs
         if progress is not None and done < run.n_epochs:
             progress(done, run.n_epochs)
-    return _join(parts, every, factors)
+    return _join(parts, every if residual_rows else 1, factors)
 
 
 class _Stages:

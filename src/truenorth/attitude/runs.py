@@ -34,10 +34,10 @@ from ..timescales import NS_PER_S
 
 __all__ = ["BlockRun", "Receivers", "WholeRun", "open_receiver", "open_run"]
 
-LONG_TEXT_BYTES = 100e6
+LONG_TEXT_BYTES = 32e6
 """RINEX text beyond this is not read at once."""
 
-LONG_ROWS = 1_000_000
+LONG_ROWS = 400_000
 """Observations of one receiver beyond this are not solved at once."""
 
 BLOCK_ROWS = 100_000
