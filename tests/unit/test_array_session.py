@@ -12,6 +12,9 @@ from truenorth.errors import ConfigError, NoSolutionError, Reason, Status
 from truenorth.evaluation import compare
 from truenorth.simulation import simulate, write_simulation
 
+# Hundreds of epochs through the engine: too slow without the JIT.
+pytestmark = pytest.mark.jit
+
 BODY_M = {
     "aft": (0.0, 0.0, 0.0),
     "fore": (2.0, 0.0, 0.0),

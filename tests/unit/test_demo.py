@@ -17,6 +17,7 @@ def short():
     return read_scenario("demo", {"duration_s": 60.0})
 
 
+@pytest.mark.jit
 def test_a_page_a_session_and_a_verdict(short, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("truenorth.simulation.read_scenario", lambda *_: short)
     monkeypatch.setattr("webbrowser.open", lambda url: pytest.fail(f"a browser was opened at {url}"))
@@ -36,6 +37,7 @@ def test_a_page_a_session_and_a_verdict(short, tmp_path, monkeypatch, capsys):
     assert again.availability == outcome["availability"]
 
 
+@pytest.mark.jit
 def test_the_page_is_opened_when_asked_and_named_in_words(short, tmp_path, monkeypatch, capsys):
     opened = []
     monkeypatch.setattr("truenorth.simulation.read_scenario", lambda *_: short)

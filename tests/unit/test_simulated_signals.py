@@ -49,6 +49,7 @@ def test_observations_are_the_sum_of_their_terms():
         np.testing.assert_allclose(observations.phase_cyc, phase / wavelength + cycles, rtol=0, atol=3e-7)
 
 
+@pytest.mark.jit
 def test_without_noise_the_solver_finds_the_antennas_to_a_hundredth_of_a_millimetre():
     receiver = {**NOISELESS, "clock": {"offset_sd_s": 1e-4, "drift_sd_sps": 1e-7}}
     simulation = simulate(pair(receiver=receiver, output={"quantise": False}))

@@ -381,6 +381,7 @@ def test_the_truth_passes_smoothly_where_ephemerides_jump(tmp_path):
     assert residual(smooth=False) > 1.0
 
 
+@pytest.mark.jit
 def test_broadcast_ephemerides_fitted_to_precise_orbits():
     sky = nominal("GRECJI", errors=EXACT, duration_s=86_400.0, start_ns=gpst_from_calendar(2024, 6, 24))
     times = gpst_from_calendar(2024, 6, 24, 4) + np.arange(0, 8 * 3600, 900) * NS_PER_S
