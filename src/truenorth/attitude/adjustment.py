@@ -25,7 +25,7 @@ CLEARLY_WORSE = 13.8
 """The second best exclusion must be worse by this much in chi-square, a likelihood ratio of a thousand."""
 
 
-def free_of_length(solution):
+def free_of_length(solution, epochs=slice(None)):
     """Accepted baselines as the phases alone give them, without the length that adjusted them.
 
     The engine adds the length l as one observation with variance s^2 along the adjusted baseline b:
@@ -37,6 +37,8 @@ def free_of_length(solution):
     ----------
     solution : BaselineSolution
         A run of a method that adjusts with the length (``constrained``, ``filter``), or of another.
+    epochs : slice or ndarray of int, optional
+        Epochs that are wanted, n of them.
 
     Returns
     -------
@@ -46,14 +48,14 @@ def free_of_length(solution):
     """
     settings = solution.settings
     length_m, sd_m = settings.get("length_m"), settings.get("length_sd_m", 0.0)
-    baseline_m, cov_m2 = solution.baseline_enu_m.copy(), solution.cov_enu_m2.copy()
+    baseline_m, cov_m2 = solution.baseline_enu_m[epochs].copy(), solution.cov_enu_m2[epochs].copy()
     adjusted = settings.get("length_use") == "constrain" and settings.get("method") in (
         "constrained",
         "filter",
     )
     if not adjusted or length_m is None or sd_m <= 0.0:
         return baseline_m, cov_m2
-    rows = np.flatnonzero(solution.is_accepted)
+    rows = np.flatnonzero(solution.is_accepted[epochs])
     b = baseline_m[rows]
     size = np.linalg.norm(b, axis=1)
     bend = (size - length_m) / (sd_m**2 * size)

@@ -187,20 +187,22 @@ def attitude_from_baselines(baselines, positions_body_m, time_ns, *, names, sett
     for k, solution in enumerate(baselines):
         here = np.flatnonzero(row[:, k] >= 0)
         at = row[here, k]
-        enu_m, cov_enu_m2 = free_of_length(solution)
         status[here, k], reason[here, k] = solution.status[at], solution.reason[at]
         n_sats[here, k] = solution.n_sats[at]
-        vector_m[here, k] = enu_m[at] @ _NED_FROM_ENU.T
-        cov_m2[here, k] = _NED_FROM_ENU @ cov_enu_m2[at] @ _NED_FROM_ENU.T
+        for first in range(0, len(here), BLOCK_EPOCHS):
+            part = slice(first, first + BLOCK_EPOCHS)
+            enu_m, cov_enu_m2 = free_of_length(solution, at[part])
+            vector_m[here[part], k] = enu_m @ _NED_FROM_ENU.T
+            cov_m2[here[part], k] = _NED_FROM_ENU @ cov_enu_m2 @ _NED_FROM_ENU.T
         unknown = here[np.isnan(position_ecef_m[here, 0])]
         position_ecef_m[unknown] = solution.position_ecef_m[row[unknown, k]]
     accepted = (status == Status.FIXED) | (status == Status.HELD)
-    weak = accepted & ~_stand_alone(cov_m2, np.linalg.norm(body_m, axis=1))
-    reason[weak] = Reason.WEAK_GEOMETRY
-    accepted &= ~weak
-
     adjustment = ArrayAdjustment(body_m, n, settings)
     for first in range(0, n, BLOCK_EPOCHS):
+        part = slice(first, first + BLOCK_EPOCHS)
+        weak = accepted[part] & ~_stand_alone(cov_m2[part], np.linalg.norm(body_m, axis=1))
+        reason[part][weak] = Reason.WEAK_GEOMETRY
+        accepted[part] &= ~weak
         adjustment.solve(np.arange(first, min(first + BLOCK_EPOCHS, n)), vector_m, cov_m2, accepted)
     a = adjustment
     # What no baseline explains is explained by the one that came nearest.

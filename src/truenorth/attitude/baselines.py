@@ -236,15 +236,17 @@ def _thin(part, every):
 
 
 def _join(parts, every, factors):
-    """One solution from those of its blocks."""
+    """One solution from those of its blocks, which are gone afterwards."""
     solution = parts[0]
     if len(parts) > 1:
-        names = [field.name for field in fields(solution) if getattr(solution, field.name) is not None]
-        arrays = [name for name in names if isinstance(getattr(solution, name), np.ndarray)]
-        joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in arrays}
-        solution = replace(
-            solution, **joined, events=tuple(chain.from_iterable(part.events for part in parts))
-        )
+        names = [field.name for field in fields(solution)]
+        names = [name for name in names if isinstance(getattr(solution, name), np.ndarray)]
+        pieces = {name: [getattr(part, name) for part in parts] for name in names}
+        events = tuple(chain.from_iterable(part.events for part in parts))
+        # Column after column, so that only one of them is in memory twice.
+        parts.clear()
+        joined = {name: np.concatenate(pieces.pop(name)) for name in names}
+        solution = replace(solution, **joined, events=events)
     said = ()
     if every > 1:
         text = "none is kept" if every > solution.n_epochs else f"those of one epoch in {every} are kept"
