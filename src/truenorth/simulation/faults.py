@@ -103,7 +103,7 @@ Fault = SlipFault | BlunderFault | LostFault | DeadFault
 
 
 class ScheduledSlips(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """So many unflagged slips at random instants, receivers and satellites in view (Wang & Lachapelle 2002)."""
+    """Unflagged slips at random instants, receivers and satellites in view (Wang & Lachapelle 2002)."""
 
     count: int = 0
     min_cycles: int = 1
