@@ -860,7 +860,8 @@ def run_engine(
         none).
     carried : ndarray, shape (N_CARRIED,)
         State of the run: slots in use, weight of the memory, epochs that the winner won, time of the last
-        epoch; time, variance (NaN: none) and baseline of the last accepted one.
+        epoch, probability with which the held integers were fixed; time, variance (NaN: none) and baseline
+        of the last accepted epoch.
     residual, integer : ndarray, shape (n_rows,)
         Outputs: residuals of the winner and its integers, NaN where a row did not take part.
     out, status, reason : ndarray

@@ -134,7 +134,8 @@ def solve_baseline(
 
 def _solve(run, settings, *, is_refuted=False, residual_rows=RESIDUAL_ROWS, progress=None):
     """Solve all blocks of a run; `is_refuted` takes back the epochs that are accepted."""
-    factors = estimate_variance_factors(*run.sample()[:1], settings, run.sample()[1])
+    of_sample, sample = run.sample()
+    factors = estimate_variance_factors(of_sample, settings, sample)
     state = ResolutionState()
     parts, done, every = [], 0, 1
     for differences, base, rover in run.blocks():

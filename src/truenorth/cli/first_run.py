@@ -78,9 +78,9 @@ def engine_compiled_meanwhile() -> Iterator[bool]:
 
 def compile_positions(session: Session) -> None:
     """Read the reference's file and position two of its epochs, which compiles readers and positioning."""
-    from ..formats import read_navigation, read_observations
+    from ..formats import iter_observations, read_navigation
     from ..positioning import solve_single_point
 
     paths = session.observation_paths
     navigation = read_navigation(*(session.gnss.navigation or paths))
-    solve_single_point(read_observations(paths[0]).select_epochs(slice(0, 2)), navigation)
+    solve_single_point(next(iter_observations(paths[0], block_epochs=2)), navigation)
