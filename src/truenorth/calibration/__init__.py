@@ -1,0 +1,1 @@
+"""Where the antennas stand and which way things point: self-survey, theodolites, lever arms, boresight."""
