@@ -175,3 +175,67 @@ def _demo(
     from .demo import run_demo
 
     return run_demo(out, open_page=open_page, as_json=as_json)
+
+
+@app.command("plan")
+@_guarded
+def _plan(
+    source: Annotated[
+        str | None, typer.Argument(help="SESSION.toml, or a scenario by name or file.", metavar="SOURCE")
+    ] = None,
+    antenna: Annotated[
+        list[str] | None,
+        typer.Option(metavar="X,Y,Z", help="An antenna: metres forward, right, down. Repeat it."),
+    ] = None,
+    latitude: Annotated[float | None, typer.Option(help="Degrees north.")] = None,
+    longitude: Annotated[float | None, typer.Option(help="Degrees east.")] = None,
+    height: Annotated[float | None, typer.Option(help="Above the ellipsoid, metres.")] = None,
+    date: Annotated[str | None, typer.Option(help="GPS time, e.g. 2024-06-24 or with T08:00:00.")] = None,
+    hours: Annotated[float | None, typer.Option(help="How long; 24 by default.")] = None,
+    step: Annotated[float | None, typer.Option(help="Seconds between epochs; 300 by default.")] = None,
+    mask: Annotated[float | None, typer.Option(help="Elevation mask, degrees; 15 by default.")] = None,
+    systems: Annotated[str | None, typer.Option(help="Letters among GRECJIS.")] = None,
+    bands: Annotated[str | None, typer.Option(help="Bands, e.g. L1,L2.")] = None,
+    navigation: Annotated[
+        list[Path] | None, typer.Option(help="RINEX navigation or SP3 file; nominal orbits without.")
+    ] = None,
+    noise: Annotated[
+        str | None, typer.Option(metavar="PHASE,CODE", help="White noise of one observation, metres.")
+    ] = None,
+    heading: Annotated[float | None, typer.Option(help="Where the platform points, degrees.")] = None,
+    pitch: Annotated[float | None, typer.Option(help="Degrees.")] = None,
+    roll: Annotated[float | None, typer.Option(help="Degrees.")] = None,
+    position_sd: Annotated[float | None, typer.Option(help="Of each body coordinate, metres.")] = None,
+    along: Annotated[
+        float | None, typer.Option(help="Where on the scenario's route, metres, for its obstructions.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Table: .csv or .parquet.")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Figure: .png, .pdf or .svg.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """Say what an array will achieve at a place over a day: accuracy, success, reliability."""
+    from .plan import run_plan
+
+    run_plan(
+        source,
+        antenna=antenna or [],
+        noise=noise,
+        out=out,
+        figure=figure,
+        as_json=as_json,
+        latitude_deg=latitude,
+        longitude_deg=longitude,
+        height_m=height,
+        start=date,
+        hours=hours,
+        step_s=step,
+        elevation_mask_deg=mask,
+        systems=systems,
+        bands=tuple(bands.split(",")) if bands else None,
+        navigation=tuple(str(path) for path in navigation or ()),
+        heading_deg=heading,
+        pitch_deg=pitch,
+        roll_deg=roll,
+        position_sd_m=position_sd,
+        along_m=along,
+    )

@@ -1,1 +1,22 @@
 """What an array can be expected to do, before it is built: accuracy, success, reliability over a day."""
+
+import importlib
+
+_PUBLIC = {
+    "Plan": "plan",
+    "PlanSettings": "settings",
+    "plan_array": "plan",
+    "plan_settings": "settings",
+    "white_noise": "settings",
+}
+"""Public name and the module that holds it; loaded on first use."""
+
+__all__ = list(_PUBLIC)
+
+
+def __getattr__(name):
+    if name not in _PUBLIC:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f".{_PUBLIC[name]}", __name__), name)
+    globals()[name] = value
+    return value
