@@ -11,8 +11,8 @@ off lowers the whole sample autocorrelation by the variance of the mean; that is
 References
 ----------
 C. J. Geyer, "Practical Markov chain Monte Carlo", Statistical Science 7 (1992); B. J. McMillan et al., "GPS
-attitude determination error analysis", Proc. ION GPS (1994), for the shape of attitude errors: white noise and
-a Markov process of minutes.
+attitude determination error analysis", Proc. ION GPS (1994), for the shape of attitude errors: white noise
+and a Markov process of minutes.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-r"""Measured against declared body coordinates: do they agree, and if not, which antenna is elsewhere?
+r"""Measured against declared body coordinates: whether they agree, and which antenna is elsewhere.
 
-The difference d of the two, with covariance Q = C_measured + C_declared, is known up to a rigid motion G x, so
+The difference d of the two, with covariance Q = C_measured + C_declared, is known up to a motion G x, so
 
     T = min_x (d - G x)^T Q^-1 (d - G x)
 
@@ -87,8 +87,8 @@ class DeclaredCheck:
             return f"the declared coordinates agree with the measured ones ({test})"
         if not self.is_wrong.any():
             return (
-                f"the declared coordinates contradict the measured ones ({test}), and no single antenna is to "
-                "blame; measure them anew"
+                f"the declared coordinates contradict the measured ones ({test}), and no single antenna is "
+                "to blame; measure them anew"
             )
         parts = [
             f"{name} is off by {1e3 * np.linalg.norm(self.difference_m[k]):.1f} mm "

@@ -17,7 +17,7 @@ p. That is taken off (for two antennas it is the known excess of a length, sigma
 
 References
 ----------
-W. Förstner, B. P. Wrobel, "Photogrammetric Computer Vision", 2016, sec. 15 (bundle adjustment by elimination);
+W. Förstner, B. P. Wrobel, "Photogrammetric Computer Vision", 2016, sec. 15 (adjustment by elimination);
 I. Borg, P. J. F. Groenen, "Modern Multidimensional Scaling", 2005, sec. 12.1 (the start, from distances).
 """
 
@@ -45,7 +45,7 @@ REJECT_RISK = 1e-6
 """Risk of rejecting a good epoch; wrong integers are off by decimetres."""
 
 AT_REST = 10.0
-"""Attitudes that differ from their middle by less than this in chi-square per angle are of a platform at rest."""
+"""A platform whose attitudes differ from their middle by less than this, chi-square per angle, is at rest."""
 
 
 class ShapeFit(NamedTuple):

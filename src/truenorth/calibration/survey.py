@@ -1,7 +1,7 @@
 r"""Body coordinates of the antennas of an array from its own phases: the self-survey.
 
-The shape of the array is adjusted from the vectors of all epochs (`truenorth.calibration.shape`), its frame is
-fixed by a rule (`truenorth.calibration.body_frame`), and what comes out is compared with what was declared
+The shape of the array is adjusted from the vectors of all epochs (`truenorth.calibration.shape`), its frame
+is fixed by a rule (`truenorth.calibration.body_frame`), and what comes out is compared with what was declared
 (`truenorth.calibration.declared`).
 
 The covariance is not that of white noise. Of the contributions u_k of the epochs, which the adjustment gives,
@@ -277,7 +277,7 @@ def calibrate_array(
         check = check.in_frame(positions_m, cov_m2)
     elif rule == "declared" and fit.is_line:
         warnings.append(
-            "the antennas stand on one line: only their distances along it are compared with the declared ones"
+            "the antennas stand on one line: only distances along it are compared with the declared ones"
         )
     declared_distances = declared_m if declared_m is not None else np.full((m, 3), np.nan)
     used = fit.misfit[fit.is_used].sum()

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from . import calibrate
 from .guard import run_safely
 from .solve import solve
 
@@ -53,6 +54,15 @@ def _global_options(
 
 
 app.command("solve")(_guarded(solve))
+
+_calibrate = typer.Typer(
+    help="Measure where antennas stand and how things are mounted.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+for _name, _command in calibrate.COMMANDS.items():
+    _calibrate.command(_name)(_guarded(_command))
+app.add_typer(_calibrate, name="calibrate")
 
 
 @app.command("example")
