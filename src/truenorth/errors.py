@@ -125,6 +125,8 @@ class Reason(IntEnum):
     ROLL_UNOBSERVABLE = 17
     DIRECTION_ONLY = 18
     GEOMETRY_TEST = 19
+    NO_VECTORS = 20
+    MIRROR_AMBIGUOUS = 21
 
 
 REASON_SENTENCES = {
@@ -148,5 +150,7 @@ REASON_SENTENCES = {
     Reason.ROLL_UNOBSERVABLE: "the antennas that were fixed stand on one line ahead: no roll",
     Reason.DIRECTION_ONLY: "the antennas that were fixed stand on one line across the body: no angle",
     Reason.GEOMETRY_TEST: "the baselines contradict the body coordinates; which one is wrong is unclear",
+    Reason.NO_VECTORS: "no vector between antennas has accepted integers",
+    Reason.MIRROR_AMBIGUOUS: "the vectors fit two attitudes, mirror images of each other",
 }
 """One sentence for each `Reason`."""

@@ -8,7 +8,14 @@ import pytest
 from synthetic_array import BODY_M, NAMES, make_attitude, make_baselines, true_angles
 from truenorth.attitude.adjustment import free_of_length
 from truenorth.attitude.array import attitude_from_baselines, solve_array
-from truenorth.attitude.vectors import angle_covariance, array_extent_m, fit_rotation, wahba_rotation
+from truenorth.attitude.vectors import (
+    angle_covariance,
+    array_extent_m,
+    fit_rotation,
+    shared_reference_covariance,
+    wahba_rotation,
+    weighted_square,
+)
 from truenorth.config import GnssSettings
 from truenorth.errors import ConfigError, Reason, Status
 from truenorth.rotations import exp_so3, heading_pitch_roll, rot_ned_from_body
@@ -62,14 +69,12 @@ def test_wahba_is_the_fit_with_equal_weights():
     # The fit ties the vectors by their first antenna; a common error there is what makes it differ.
     measured = np.einsum("nij,kj->nki", rot, body) + 0.01 * rng.standard_normal((20, 3, 3))
     start = wahba_rotation(measured, body, np.ones((20, 3)))
-    fit = fit_rotation(measured, np.broadcast_to(np.eye(3), (20, 3, 3, 3)), body)
+    cov = shared_reference_covariance(np.broadcast_to(np.eye(3), (20, 3, 3, 3)))
+    fit = fit_rotation(measured, cov, body)
     # Same data, other weights: apart by less than the noise, 0.01 m over a metre.
     turn = np.einsum("nji,njk->nik", start, fit.rot_ned_from_body)
     assert np.max(np.abs(turn - np.eye(3))) < 0.02
     # The best rotation is stationary: turning it either way raises the sum of squares.
-    from truenorth.attitude.vectors import weighted_square
-
-    cov = np.broadcast_to(np.eye(3), (20, 3, 3, 3))
     best = weighted_square(fit.residual_m, cov)
     for axis in np.eye(3):
         for side in (-1e-3, 1e-3):
@@ -77,10 +82,7 @@ def test_wahba_is_the_fit_with_equal_weights():
             assert (weighted_square(measured - np.einsum("nij,kj->nki", turned, body), cov) > best).all()
 
 
-def test_weights_equal_a_full_joint_covariance():
-    """The closed form of the shared antenna against the inverse of the whole matrix."""
-    from truenorth.attitude.vectors import weighted_square
-
+def test_vectors_share_half_of_their_variance_with_the_reference():
     rng = np.random.default_rng(5)
     factor = np.tril(rng.standard_normal((3, 3, 3))) + 3.0 * np.eye(3)
     cov = factor @ np.swapaxes(factor, 1, 2)
@@ -88,9 +90,10 @@ def test_weights_equal_a_full_joint_covariance():
     for i in range(3):
         for j in range(3):
             whole[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] = factor[i] @ factor[j].T * (1.0 if i == j else 0.5)
+    np.testing.assert_allclose(shared_reference_covariance(cov[None])[0], whole, rtol=1e-12, atol=1e-12)
     residual = rng.standard_normal((3, 3))
     expected = residual.ravel() @ np.linalg.solve(whole, residual.ravel())
-    assert weighted_square(residual[None], cov[None])[0] == pytest.approx(expected, rel=1e-12)
+    assert weighted_square(residual[None], whole[None])[0] == pytest.approx(expected, rel=1e-12)
 
 
 def test_covariance_of_the_angles_is_that_of_finite_turns():
@@ -102,7 +105,7 @@ def test_covariance_of_the_angles_is_that_of_finite_turns():
         ahead = np.ravel(heading_pitch_roll(exp_so3(1e-6 * axis) @ rot))
         behind = np.ravel(heading_pitch_roll(exp_so3(-1e-6 * axis) @ rot))
         jacobian[:, k] = (ahead - behind) / 2e-6
-    found = angle_covariance(angles[:, 0], rot, cov)[0]
+    found = angle_covariance(rot, cov)[0]
     np.testing.assert_allclose(found, jacobian @ cov[0] @ jacobian.T, rtol=1e-6)
 
 
@@ -148,7 +151,7 @@ def test_two_wrong_vectors_of_five_antennas_are_left_out_one_after_the_other():
 def test_a_dead_receiver_degrades_and_a_single_baseline_has_no_roll():
     baselines = without_epochs(make_baselines(90), 1, np.arange(30, 90))
     baselines = without_epochs(baselines, 2, np.arange(60, 90))
-    solution = make_attitude(baselines=baselines)
+    solution = make_attitude(baselines=baselines, length_sd_m=0.0)
     assert solution.is_accepted.all()
     np.testing.assert_array_equal(solution.n_baselines, np.repeat([3, 2, 1], 30))
     # Only the baseline ahead is left: heading and pitch, and no roll.
@@ -159,8 +162,10 @@ def test_a_dead_receiver_degrades_and_a_single_baseline_has_no_roll():
     error = errors_rad(solution)[60:, :2]
     sd = np.sqrt(np.einsum("nii->ni", solution.cov_rad2))[60:, :2]
     assert np.max(np.abs(error / sd)) < 5.0
-    # Twice the variance of 3 mm over 2 m.
+    # Twice the variance of 3 mm over 2 m, and of 3 mm of the body coordinates where they are not exact.
     assert sd[:, 0] == pytest.approx(np.sqrt(2.0) * 0.003 / 2.0, rel=0.02)
+    unsure = make_attitude(baselines=baselines, length_sd_m=0.003)
+    assert unsure.angle_sd_rad(0)[60:] == pytest.approx(np.sqrt(3.0) * 0.003 / 2.0, rel=0.02)
 
 
 def test_a_single_baseline_across_the_body_gives_no_angles():
