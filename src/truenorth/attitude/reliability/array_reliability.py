@@ -23,19 +23,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...rotations import heading_pitch_roll, skew
+from ...rotations import skew
 from ..protection import ProtectionState, protection_level
-from ..vectors import array_extent_m
+from ..vectors import angle_jacobian, array_extent_m, total_covariance
 from .linear import filter_model, least_squares_model
 from .settings import ReliabilitySettings
 
 __all__ = [
     "AttitudeReliability",
-    "angle_rows",
     "antenna_shapes",
     "attitude_reliability",
     "filter_reliability",
-    "joint_covariance",
 ]
 
 MIN_ACROSS_M = 0.02
@@ -229,49 +227,6 @@ def filter_reliability(
     )
 
 
-def angle_rows(rot_ned_from_body):
-    """What a small turn in north, east, down does to heading, pitch and roll.
-
-    Parameters
-    ----------
-    rot_ned_from_body : ndarray, shape (e, 3, 3)
-        Attitude.
-
-    Returns
-    -------
-    ndarray, shape (e, 3, 3)
-        The turn is that of heading about down, of pitch about the horizontal axis to the right of the heading
-        and of roll about the forward axis; this is the inverse.
-    """
-    heading, pitch, _ = heading_pitch_roll(rot_ned_from_body)
-    sh, ch, tan = np.sin(heading), np.cos(heading), np.tan(pitch)
-    zero, one = np.zeros_like(heading), np.ones_like(heading)
-    rows = [[ch * tan, sh * tan, one], [-sh, ch, zero], [ch / np.cos(pitch), sh / np.cos(pitch), zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
-def joint_covariance(block, rot_ned_from_body):
-    """Covariance of the misclosures of a block: of its vectors and its body coordinates.
-
-    Parameters
-    ----------
-    block : VectorBlock
-        e epochs with k vectors.
-    rot_ned_from_body : ndarray, shape (e, 3, 3)
-        Attitude.
-
-    Returns
-    -------
-    ndarray, shape (e, 3 k, 3 k)
-    """
-    k = len(block.antennas)
-    if not block.body_cov_m2.any():
-        return block.cov_ned_m2
-    body = block.body_cov_m2.reshape(k, 3, k, 3)
-    turned = np.einsum("eab,ibjc,edc->eiajd", rot_ned_from_body, body, rot_ned_from_body, optimize=True)
-    return block.cov_ned_m2 + turned.reshape(-1, 3 * k, 3 * k)
-
-
 def antenna_shapes(k):
     """Faults of the antennas of k vectors: of each one that a vector points to, and of the reference.
 
@@ -327,8 +282,8 @@ def _fill(result, block, rot, prior_cov, prior):
     fitted = np.einsum("eij,kj->eki", rot, block.body_m)
     misclosure = (block.vector_ned_m - fitted).reshape(len(at), -1)
     design = -skew(fitted).reshape(len(at), -1, 3)
-    cov = joint_covariance(block, rot)
-    angles = angle_rows(rot)
+    cov = total_covariance(block.cov_ned_m2, rot, block.body_cov_m2)
+    angles = angle_jacobian(rot)
     _, across, axis = array_extent_m(block.body_m)
     is_line = prior_cov is None and across < MIN_ACROSS_M
     if is_line:
