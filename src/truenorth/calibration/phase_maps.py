@@ -1,0 +1,319 @@
+r"""Maps of the phase residuals of each antenna over the sky as the body sees it.
+
+What an antenna and its surroundings on the platform do to the phase (its pattern, rays mirrored by the deck)
+stays where it is in the body frame. Residuals of the baselines from the reference antenna 0,
+
+    r_i = M_i(direction) - M_0(direction) + noise,
+
+are gathered in cells of the sky. Only differences between antennas are seen, and only they matter; the maps
+are those whose sum over the antennas is zero. With the attitude and the body coordinates of the whole array
+the residuals are first taken against the vectors R l of the rigid array, which hide less of a map than
+baselines that may bend after it.
+
+References: W. Wanninga and V. Frevert, "Carrier phase multipath calibration of GPS reference stations",
+Navigation 48 (2001); G. Wübbena et al., "Automated absolute field calibration of GPS antennas in real-time",
+Proc. ION GPS (2000).
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import ConfigError, NoSolutionError
+from ..observations import Observations
+from .phase_centres import attitude_of_rows, correct_phases, direction_in_antenna, directions_of_rows
+
+__all__ = ["PhaseMap", "map_residuals", "map_rows", "read_phase_maps"]
+
+MIN_COUNT = 4
+"""Residuals that a cell needs to be used."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhaseMap:
+    """What one antenna adds to its phases in one band.
+
+    Parameters
+    ----------
+    antenna : str
+        Its name.
+    band : int
+        RINEX band digit.
+    mean_m, sd_m : ndarray, shape (a, e)
+        Mean residual of each cell and its standard deviation, by azimuth and elevation in the body
+        frame; NaN in cells with fewer than four residuals.
+    count : ndarray of int64, shape (a, e)
+        Residuals.
+    """
+
+    antenna: str
+    band: int
+    mean_m: np.ndarray
+    sd_m: np.ndarray
+    count: np.ndarray
+
+    @property
+    def azimuth_edges_rad(self) -> np.ndarray:
+        """Ndarray, shape (a + 1,): from forward to the right."""
+        return np.linspace(0.0, 2.0 * np.pi, self.mean_m.shape[0] + 1)
+
+    @property
+    def elevation_edges_rad(self) -> np.ndarray:
+        """Ndarray, shape (e + 1,): above the horizon of the body."""
+        return np.linspace(0.0, 0.5 * np.pi, self.mean_m.shape[1] + 1)
+
+    @property
+    def rms_m(self) -> float:
+        """float: Root mean square over the residuals of the cells in use."""
+        used = np.isfinite(self.mean_m)
+        weight = self.count[used]
+        return float(np.sqrt(np.sum(weight * self.mean_m[used] ** 2) / max(weight.sum(), 1)))
+
+    def correction_m(self, azimuth_rad, elevation_rad) -> np.ndarray:
+        """What the antenna adds to a phase, between the middles of the cells.
+
+        Parameters
+        ----------
+        azimuth_rad, elevation_rad : ndarray
+            Direction in the body frame.
+
+        Returns
+        -------
+        ndarray
+            Metres; zero where no cell around is in use.
+        """
+        n_azimuth, n_elevation = self.mean_m.shape
+        place = np.mod(azimuth_rad, 2.0 * np.pi) * n_azimuth / (2.0 * np.pi) - 0.5
+        height = np.asarray(elevation_rad) * n_elevation / (0.5 * np.pi) - 0.5
+        column, row = np.floor(place), np.floor(height)
+        total, weight = 0.0, 0.0
+        value = np.nan_to_num(self.mean_m)
+        is_used = np.isfinite(self.mean_m)
+        for d_column in (0, 1):
+            for d_row in (0, 1):
+                i = np.mod(column + d_column, n_azimuth).astype(int)
+                j = np.clip(row + d_row, 0, n_elevation - 1).astype(int)
+                share = np.abs(1 - d_column - (place - column)) * np.abs(1 - d_row - (height - row))
+                share = share * is_used[i, j]
+                total, weight = total + share * value[i, j], weight + share
+        return np.where(weight > 0.1, total / np.maximum(weight, 1e-9), 0.0)
+
+    def to_csv(self) -> str:
+        """The cells in use as lines of text, degrees and millimetres."""
+        lines = []
+        azimuth, elevation = np.degrees(self.azimuth_edges_rad), np.degrees(self.elevation_edges_rad)
+        for i, j in np.argwhere(self.count > 0):
+            numbers = [azimuth[i], azimuth[i + 1], elevation[j], elevation[j + 1]]
+            text = ",".join(f"{x:g}" for x in numbers)
+            numbers = [1e3 * self.mean_m[i, j], 1e3 * self.sd_m[i, j]]
+            text += "".join(f",{x:.3f}" for x in numbers)
+            lines.append(f"{self.antenna},L{self.band},{text},{self.count[i, j]}")
+        return "\n".join(lines)
+
+
+CSV_HEAD = (
+    "antenna,band,azimuth_from_deg,azimuth_to_deg,elevation_from_deg,elevation_to_deg,mean_mm,sd_mm,count"
+)
+
+
+def map_residuals(
+    baselines,
+    time_ns,
+    rot_ned_from_body,
+    *,
+    names,
+    positions_body_m=None,
+    azimuth_step_deg: float = 10.0,
+    elevation_step_deg: float = 5.0,
+) -> tuple[PhaseMap, ...]:
+    """Maps of the antennas of an array from the residuals of its baselines.
+
+    Parameters
+    ----------
+    baselines : sequence of BaselineSolution
+        From the reference antenna to each other one, with residuals.
+    time_ns : ndarray of int64, shape (n,)
+        Epochs of the attitude.
+    rot_ned_from_body : ndarray, shape (n, 3, 3)
+        Attitude; NaN where there is none.
+    names : sequence of str
+        Of the antennas, the reference first.
+    positions_body_m : ndarray, shape (m, 3), optional
+        Body coordinates: residuals are taken against the rigid array. Without them they are those of each
+        baseline by itself.
+    azimuth_step_deg, elevation_step_deg : float
+        Size of the cells, about.
+
+    Returns
+    -------
+    tuple of PhaseMap
+        By antenna and band.
+
+    Raises
+    ------
+    NoSolutionError
+        If there are no residuals of accepted epochs with an attitude.
+    """
+    if not 0.0 < azimuth_step_deg <= 90.0 or not 0.0 < elevation_step_deg <= 45.0:
+        raise ConfigError("the cells of a phase map are to be between 0 and 90 by 45 degrees", key="step")
+    shape = (max(round(360.0 / azimuth_step_deg), 4), max(round(90.0 / elevation_step_deg), 2))
+    m = len(baselines) + 1
+    sums: dict[int, np.ndarray] = {}
+    for k, solution in enumerate(baselines):
+        band, cell, residual = _rows_in_body(
+            solution, time_ns, rot_ned_from_body, shape,
+            None if positions_body_m is None else positions_body_m[k + 1] - positions_body_m[0],
+        )  # fmt: skip
+        for value in np.unique(band):
+            table = sums.setdefault(int(value), np.zeros((m - 1, 3, shape[0] * shape[1])))
+            rows = band == value
+            for power in range(3):
+                weights = residual[rows] ** power
+                table[k, power] += np.bincount(cell[rows], weights, shape[0] * shape[1])
+    if not sums:
+        raise NoSolutionError(
+            "could not map the residuals: no accepted epoch has both an attitude and phase residuals"
+        )
+    return tuple(
+        PhaseMap(name, band, *maps[a])
+        for band, maps in _split(sums, shape).items()
+        for a, name in enumerate(names)
+    )
+
+
+def _rows_in_body(solution, time_ns, rot_ned_from_body, shape, body_m):
+    """Band, cell and residual of the integer phases of a baseline's accepted epochs."""
+    s = solution
+    at = np.clip(np.searchsorted(time_ns, s.time_ns), 0, max(len(time_ns) - 1, 0))
+    before = np.maximum(at - 1, 0)
+    at = np.where(np.abs(time_ns[before] - s.time_ns) < np.abs(time_ns[at] - s.time_ns), before, at)
+    known = s.is_accepted & np.isfinite(rot_ned_from_body[at, 0, 0])
+    known &= np.abs(time_ns[at] - s.time_ns) < 100_000_000
+    rows = np.flatnonzero(
+        known[s.residual_epoch]
+        & np.isfinite(s.residual_m)
+        & (np.isfinite(s.residual_integer_cyc) | s.residual_is_reference)
+    )
+    epoch = s.residual_epoch[rows]
+    rot = rot_ned_from_body[at[epoch]]
+    level = np.cos(s.residual_elevation_rad[rows])
+    direction = np.stack(
+        [
+            level * np.cos(s.residual_azimuth_rad[rows]),
+            level * np.sin(s.residual_azimuth_rad[rows]),
+            -np.sin(s.residual_elevation_rad[rows]),
+        ],
+        axis=1,
+    )
+    residual = s.residual_m[rows].copy()
+    if body_m is not None:
+        ned_m = s.baseline_enu_m[epoch][:, [1, 0, 2]] * [1.0, 1.0, -1.0]
+        residual += np.einsum("ni,ni->n", direction, rot @ body_m - ned_m)
+    # Rows that share a clock: their mean says nothing of the sky.
+    group = (epoch * 10 + s.residual_sat[rows] // 100) * 1000 + s.residual_signal[rows]
+    _, number = np.unique(group, return_inverse=True)
+    count = np.bincount(number)
+    residual -= (np.bincount(number, residual) / np.maximum(count, 1))[number]
+    azimuth, elevation = direction_in_antenna(rot, direction)
+    keep = (elevation > 0.0) & (count[number] > 2)
+    column = np.minimum((azimuth / (2.0 * np.pi) * shape[0]).astype(int), shape[0] - 1)
+    row = np.clip((elevation / (0.5 * np.pi) * shape[1]).astype(int), 0, shape[1] - 1)
+    return s.residual_signal[rows][keep] // 100, (column * shape[1] + row)[keep], residual[keep]
+
+
+def _split(sums, shape):
+    """Maps of the antennas, whose sum is zero, from the sums of the baselines."""
+    found = {}
+    for band, table in sorted(sums.items()):
+        count, total, square = np.moveaxis(table, 1, 0)
+        enough = (count >= MIN_COUNT).all(0)
+        safe = np.maximum(count, 1.0)
+        mean = np.where(enough, total / safe, np.nan)
+        variance = np.where(enough, np.maximum(square / safe - (total / safe) ** 2, 0.0), np.nan)
+        reference = -mean.sum(0) / (len(mean) + 1)
+        means = np.vstack([reference, mean + reference])
+        # Half of the scatter of a difference is that of each antenna.
+        spread = np.sqrt(0.5 * np.vstack([variance.mean(0), variance]))
+        counts = np.vstack([count.min(0), count]).astype(np.int64)
+        found[band] = [tuple(x[a].reshape(shape) for x in (means, spread, counts)) for a in range(len(means))]
+    return found
+
+
+def map_rows(observations: Observations, navigation, time_ns, rot_ned_from_body, maps) -> Observations:
+    """Observations of one antenna without what its maps say that it adds.
+
+    Parameters
+    ----------
+    observations : Observations
+        Of the antenna.
+    navigation : Navigation
+        Ephemerides.
+    time_ns : ndarray of int64, shape (n,)
+        Epochs of the attitude.
+    rot_ned_from_body : ndarray, shape (n, 3, 3)
+        Attitude.
+    maps : sequence of PhaseMap
+        Of this antenna; signals of other bands stay as they are.
+
+    Returns
+    -------
+    Observations
+    """
+    direction = directions_of_rows(observations, navigation)
+    rot = attitude_of_rows(observations, time_ns, rot_ned_from_body)
+    azimuth, elevation = direction_in_antenna(rot, direction)
+    correction = np.full(observations.n_rows, np.nan)
+    for one in maps:
+        rows = np.flatnonzero((observations.signal // 100 == one.band) & np.isfinite(azimuth))
+        correction[rows] = one.correction_m(azimuth[rows], elevation[rows])
+    return correct_phases(observations, correction)
+
+
+def read_phase_maps(path: str | os.PathLike[str]) -> tuple[PhaseMap, ...]:
+    """Read maps that were written as a table.
+
+    Parameters
+    ----------
+    path : str or path-like
+        Table of ``truenorth calibrate array --phase-maps``.
+
+    Returns
+    -------
+    tuple of PhaseMap
+
+    Raises
+    ------
+    FormatError
+        If it cannot be read.
+    """
+    from pathlib import Path
+
+    from ..errors import FormatError
+
+    try:
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise FormatError(f"could not read the phase maps: {error.strerror}", path=str(path)) from error
+    if not lines or lines[0] != CSV_HEAD:
+        raise FormatError("this is no table of phase maps; its first line is not theirs", path=str(path))
+    tables: dict[tuple[str, int], tuple[np.ndarray, ...]] = {}
+    for number, line in enumerate(lines[1:], start=2):
+        try:
+            name, band, *texts = line.split(",")
+            low, high, bottom, top, mean, sd, count = map(float, texts)
+            shape = (round(360.0 / (high - low)), round(90.0 / (top - bottom)))
+            if (name, int(band[1:])) not in tables:
+                tables[name, int(band[1:])] = (
+                    np.full(shape, np.nan), np.full(shape, np.nan), np.zeros(shape, np.int64)
+                )  # fmt: skip
+            at = round(low / (high - low)), round(bottom / (top - bottom))
+            table = tables[name, int(band[1:])]
+            table[0][at], table[1][at], table[2][at] = 1e-3 * mean, 1e-3 * sd, count
+        except (ValueError, IndexError, ZeroDivisionError):
+            raise FormatError(
+                "this line is no cell of a phase map", path=str(path), line_number=number
+            ) from None
+    return tuple(PhaseMap(name, band, *table) for (name, band), table in tables.items())
