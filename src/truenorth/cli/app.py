@@ -249,3 +249,19 @@ def _plan(
         position_sd_m=position_sd,
         along_m=along,
     )
+
+
+@app.command("rates")
+@_guarded
+def _rates(
+    session: Annotated[Path, typer.Argument(help="The session.toml of the recording.", metavar="SESSION")],
+    rates: Annotated[str, typer.Option(metavar="HZ,HZ...", help="Update rates.")] = "1,10,20",
+    reference: Annotated[Path | None, typer.Option(help="Table of truth, e.g. truth.csv.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Table: .csv or .parquet.")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Figure: .png, .pdf or .svg.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """Thin one recording to several update rates and compare: gaps, status, re-fixing, errors."""
+    from .study_rates import run_rates
+
+    run_rates(session, rates=rates, reference=reference, out=out, figure=figure, as_json=as_json)

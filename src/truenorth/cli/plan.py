@@ -12,7 +12,7 @@ from ..errors import ConfigError
 if TYPE_CHECKING:
     from ..config import StochasticSettings
 
-__all__ = ["naming_options", "parse_noise", "parse_points", "run_plan"]
+__all__ = ["check_files", "naming_options", "parse_noise", "parse_points", "run_plan"]
 
 _OPTIONS = {
     "antennas": "--antenna",
@@ -80,7 +80,7 @@ def run_plan(
 
     from ..planning import plan_array
 
-    _check_files(out, figure)
+    check_files(out, figure)
     with naming_options():
         changes |= _changes_of(antenna, noise)
     _need_place(source, changes)
@@ -146,7 +146,7 @@ def parse_noise(text: str) -> StochasticSettings:
     return white_noise(phase_sd_m, code_sd_m)
 
 
-def _check_files(out: Path | None, figure: Path | None) -> None:
+def check_files(out: Path | None, figure: Path | None) -> None:
     """Refuse what could not be written before any work starts."""
     if out is not None:
         from ..export.planning import check_table_path

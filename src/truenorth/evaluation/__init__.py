@@ -1,5 +1,6 @@
 """Solutions against references: errors aligned in time, their statistics, and whether sigma was honest."""
 
 from .comparison import Comparison, compare
+from .update_rates import RateStudy, compare_rates
 
-__all__ = ["Comparison", "compare"]
+__all__ = ["Comparison", "RateStudy", "compare", "compare_rates"]

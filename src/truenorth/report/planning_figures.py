@@ -12,7 +12,7 @@ from ..timescales import format_gpst, gpst_to_datetime64
 from .files import STATIC_SUFFIXES
 from .style import SYSTEM_COLORS
 
-__all__ = ["ANGLE_COLORS", "check_plan_figure_path", "plan_figure", "save_plan_figure"]
+__all__ = ["ANGLE_COLORS", "check_plan_figure_path", "plan_figure", "rates_figure", "save_plan_figure"]
 
 ANGLE_COLORS = {"heading": "#0072B2", "pitch": "#D55E00", "roll": "#009E73"}
 """Of the same palette as everything else."""
@@ -215,3 +215,162 @@ def _time_axis(ax, plan):
     time = gpst_to_datetime64(plan.time_ns)
     if len(time) > 1:
         ax.set_xlim(time[0], time[-1])
+
+
+def rates_figure(study):
+    """One page: satellites, status at each rate, errors where there is a reference, and time to re-fix.
+
+    Parameters
+    ----------
+    study : truenorth.evaluation.RateStudy
+        Result of `truenorth.evaluation.compare_rates`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Call its ``savefig``.
+    """
+    from matplotlib.figure import Figure
+
+    start_ns = int(study.time_ns[0])
+    angles = study.results[0].comparison.angles if study.results[0].comparison is not None else ()
+    heights = [1.3, 0.5 + 0.32 * len(study.results), 1.3, *[1.5] * len(angles)]
+    if study.obstructions:
+        heights.append(1.6)
+    figure = Figure(figsize=(10.0, sum(heights) + 2.2), dpi=120, layout="constrained")
+    grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
+    top = figure.add_subplot(grid[0])
+    _plot_common(study, top, start_ns)
+    strips = figure.add_subplot(grid[1], sharex=top)
+    _plot_strips(study, strips, start_ns)
+    dop = figure.add_subplot(grid[2], sharex=top)
+    colors = _rate_colors(study)
+    order = np.argsort([-result.rate_hz for result in study.results])
+    for k in order:
+        result = study.results[k]
+        time_s = (result.solution.time_ns - start_ns) * 1e-9
+        dop.plot(time_s, result.pdop, ".", markersize=2.0, color=colors[k], label=f"{result.rate_hz:g} Hz")
+    _finish(dop, "PDOP", [result.pdop for result in study.results])
+    last = dop
+    for row, angle in enumerate(angles):
+        last = figure.add_subplot(grid[3 + row], sharex=top)
+        _plot_errors(study, last, start_ns, row, colors, order)
+        last.set_ylabel(f"{angle}\nerror, deg")
+    for ax in figure.axes:
+        ax.tick_params(labelbottom=ax is last)
+        for item in study.obstructions:
+            ax.axvspan(
+                (item.start_ns - start_ns) * 1e-9,
+                (item.end_ns - start_ns) * 1e-9,
+                color="0.85",
+                linewidth=0,
+                zorder=0,
+            )
+    last.set_xlabel(f"seconds from {format_gpst(start_ns, decimals=0).replace('T', ' ')} GPST")
+    top.set_xlim(0.0, (study.time_ns[-1] - start_ns) * 1e-9)
+    if study.obstructions:
+        _plot_refix(study, figure.add_subplot(grid[-1]), colors)
+    figure.suptitle(
+        f"One recording of {study.recorded_hz:g} Hz at "
+        + ", ".join(f"{result.rate_hz:g}" for result in study.results)
+        + " Hz: same satellites, same obstructions",
+        fontsize="large",
+        fontweight="bold",
+    )
+    return figure
+
+
+_RATE_PALETTE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+
+
+def _rate_colors(study):
+    return [_RATE_PALETTE[k % len(_RATE_PALETTE)] for k in range(len(study.results))]
+
+
+def _plot_common(study, ax, start_ns):
+    """Satellites that all antennas have, and the least that it takes."""
+    time_s = (study.time_ns - start_ns) * 1e-9
+    ax.step(time_s, study.n_common, where="post", color="0.25", linewidth=1.0)
+    ax.axhline(4, color="#D55E00", linewidth=0.8, linestyle="--")
+    ax.set_ylim(0.0, 1.1 * max(float(study.n_common.max()), 4.0))
+    ax.set_ylabel("satellites\nin common")
+    ax.grid(alpha=0.3)
+
+
+def _plot_strips(study, ax, start_ns):
+    """Status of every epoch, one strip a rate."""
+    from matplotlib.patches import Patch
+
+    from ..errors import Status
+    from .style import STATUS_COLORS
+
+    for place, result in enumerate(study.results):
+        step_s = 1.0 / result.rate_hz
+        time_s = (result.solution.time_ns - start_ns) * 1e-9
+        cut = np.flatnonzero((np.diff(result.solution.status) != 0) | (np.diff(time_s) > 1.5 * step_s)) + 1
+        for run in np.split(np.arange(len(time_s)), cut):
+            status = Status(int(result.solution.status[run[0]]))
+            ax.barh(
+                place,
+                time_s[run[-1]] - time_s[run[0]] + step_s,
+                left=time_s[run[0]],
+                height=0.7,
+                color=STATUS_COLORS[status],
+                linewidth=0,
+            )
+    ax.set_yticks(range(len(study.results)), [f"{result.rate_hz:g} Hz" for result in study.results])
+    ax.set_ylim(len(study.results) - 0.4, -0.6)
+    ax.legend(
+        handles=[Patch(color=color, label=status.label) for status, color in STATUS_COLORS.items()],
+        fontsize="small",
+        loc="center left",
+        bbox_to_anchor=(1.0, 0.5),
+        frameon=False,
+    )
+
+
+def _plot_errors(study, ax, start_ns, k, colors, order):
+    """Errors of the accepted epochs, the fastest rate at the back."""
+    largest = []
+    for number in order:
+        comparison = study.results[number].comparison
+        good = comparison.is_accepted
+        error_deg = np.degrees(comparison.error_rad[good, k])
+        time_s = (comparison.time_ns[good] - start_ns) * 1e-9
+        ax.plot(time_s, error_deg, ".", markersize=2.0, color=colors[number])
+        largest.append(np.quantile(np.abs(error_deg), 0.998) if len(error_deg) else 0.0)
+    limit = 1.25 * max(largest) if max(largest) > 0.0 else 1.0
+    ax.set_ylim(-limit, limit)
+    ax.axhline(0.0, color="black", linewidth=0.6)
+    ax.grid(alpha=0.3)
+
+
+def _plot_refix(study, ax, colors):
+    """Time to re-fix after each obstruction, a bar a rate; a cross where none came."""
+    n = len(study.results)
+    width = 0.8 / n
+    for k, result in enumerate(study.results):
+        place = np.arange(len(study.obstructions)) + (k - 0.5 * (n - 1)) * width
+        ax.bar(
+            place,
+            np.nan_to_num(result.refix_s),
+            width=0.92 * width,
+            color=colors[k],
+            label=f"{result.rate_hz:g} Hz",
+        )
+        never = np.isnan(result.refix_s)
+        ax.plot(place[never], np.zeros(never.sum()), "x", color=colors[k])
+        for x, value in zip(place[~never], result.refix_s[~never], strict=True):
+            if len(study.obstructions) * n <= 24:
+                ax.annotate(f"{value:.2g}", (x, value), ha="center", va="bottom", fontsize="x-small")
+    start_ns = int(study.time_ns[0])
+    labels = [
+        f"{(item.start_ns - start_ns) * 1e-9:.0f} s\n({item.duration_s:.1f} s)" for item in study.obstructions
+    ]
+    ax.set_xticks(range(len(labels)), labels, fontsize="small")
+    ax.margins(y=0.2)
+    ax.set_ylim(bottom=0.0)
+    ax.set_ylabel("time to\nre-fix, s")
+    ax.set_xlabel("obstruction at (and for)")
+    ax.grid(alpha=0.3, axis="y")
+    _legend(ax)
