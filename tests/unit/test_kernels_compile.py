@@ -41,8 +41,28 @@ print(json.dumps(found))
 # Kernels that a solution from RINEX by these methods has no use for, and which public function has.
 _FACTORS = "ambiguity.lambda_ on a float solution and its covariance"
 _WRITING = "formats.write_rinex_observations"
+_FILTER = "attitude.filter.filter_attitude, over the vectors of an array"
 _ARRAYS = "ambiguity.exhaustive with several baselines at once"
 UNUSED = {
+    "attitude_filter.eliminate": _FILTER,
+    "attitude_filter.estimate": _FILTER,
+    "attitude_filter.filter_epochs": _FILTER,
+    "attitude_filter.innovation_inverse": _FILTER,
+    "attitude_filter.judge_antennas": _FILTER,
+    "attitude_filter.linearise": _FILTER,
+    "attitude_filter.log_event": _FILTER,
+    "attitude_filter.multiply": _FILTER,
+    "attitude_filter.predict": _FILTER,
+    "attitude_filter.right_jacobian": _FILTER,
+    "attitude_filter.right_jacobian_inverse": _FILTER,
+    "attitude_filter.rotation_vector_between": _FILTER,
+    "attitude_filter.sandwich": _FILTER,
+    "attitude_filter.smooth_epochs": _FILTER,
+    "attitude_filter.transport": _FILTER,
+    "attitude_filter.turn": _FILTER,
+    "attitude_filter.update": _FILTER,
+    "attitude_filter.whiten": _FILTER,
+    "attitude_filter.whiten_epochs": _FILTER,
     "exhaustive._attitude_step": _ARRAYS,
     "exhaustive._solve3": _ARRAYS,
     "exhaustive._triad": _ARRAYS,

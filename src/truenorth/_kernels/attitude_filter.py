@@ -1,0 +1,914 @@
+"""Compiled filter and smoother of attitude and angular rate, epoch by epoch.
+
+The error of the state is (e, d): the rotation R of the truth is R_estimate exp([e]x) with e in body axes, the
+rate in body axes is that of the estimate plus d. A step of length t turns R by exp([t rate]x):
+
+    e <- exp(-[t rate]x) e + t J(t rate) d,     J the right Jacobian of the rotation group,
+
+which is exact to first order in the error at any rate. Observations are white rows y = A p + noise of
+variance one, p the stacked coordinates R l of all antennas in the navigation frame. Rows see differences of
+antennas only, so that no antenna is the reference, and an antenna without signals has columns of zeros;
+leaving an antenna out is eliminating its three columns from the rows.
+
+The update is iterated (Gauss-Newton), and its innovation is the one linearised about the result; otherwise
+the curvature of a turn by some degrees would count as an error of the vectors.
+
+Errors of the body coordinates stay the same from epoch to epoch and must not average out. The sensitivity of
+the state to them is carried beside the covariance of the noise ("consider" parameters); it takes part in the
+tests.
+"""
+
+import numpy as np
+
+from .constrained import eigen_symmetric_3
+from .engine import cholesky_invert, invert_3
+from .jit import kernel
+
+# What is carried, beside rotation, rate, covariance and sensitivity.
+HAS_STATE, N_REJECTED, STATE_TIME, UPDATE_TIME, SEGMENT, N_EVENTS, IS_PREDICTED, NO_RECOVERY = (
+    0,
+    1,
+    2,
+    3,
+    4,
+    5,
+    6,
+    7,
+)
+N_CARRIED = 8
+
+# Settings that are whole numbers, and that are not.
+IS_GATED, MAX_PASSES, LOCK_OUT_EPOCHS, HAS_RECOVERY, IS_PRINTED = 0, 1, 2, 3, 4
+MAX_PREDICTION_NS, LOCAL_LIMIT = 0, 1
+
+# Columns of the statistics of an epoch, before anything was left out.
+CHI2, CHI2_LIMIT, DOF, LOCAL, VECTOR = 0, 1, 2, 3, 4
+N_STATISTICS = 5
+
+# Kinds of events, spelt out in truenorth.attitude.filter.
+E_REJECTED, E_EPOCH_REJECTED, E_DROPPED = 1, 2, 3
+
+# Why the loop came back.
+DONE, NEEDS_START, LOCKED_OUT = 0, 1, 2
+
+# States of an epoch, equal to truenorth.attitude.filter.FilterStatus (held equal by a test).
+S_NONE, S_PREDICTED, S_UPDATED = 0, 1, 2
+
+_NODES = (0.04691007703066800, 0.23076534494715846, 0.5, 0.76923465505284154, 0.95308992296933200)
+_WEIGHTS = (
+    0.11846344252809454,
+    0.23931433524968324,
+    0.28444444444444444,
+    0.23931433524968324,
+    0.11846344252809454,
+)
+"""Gauss-Legendre on the unit interval: the noise of a step, exact to the ninth power of the turn."""
+
+# Sizes as typed numbers: a literal would compile what takes it anew.
+_STATE = np.int64(6)
+BLOCK = np.int64(3)
+
+MAX_ITERATIONS = 8
+_SETTLED = 1e-8
+"""Square of the last step over the variance at which the iteration ends: a ten-thousandth of an sd."""
+
+_FLAT = 1e-8
+"""Determinant of the information on the attitude over the cube of its mean; below, an axis is free."""
+
+_EMPTY = 1e-6
+"""Columns shorter than this share of the longest hold rounding only."""
+
+
+@kernel
+def whiten(cov, vector, jump, rows, y):
+    """White rows of one epoch's vectors: C = F F^T, rows = F^-1 jump, y = F^-1 z; False if C is not definite.
+
+    `cov` becomes the factor; rows and y are written up to the number of the vectors' components.
+    """
+    n = len(vector)
+    for j in range(n):
+        diagonal = cov[j, j]
+        scale = diagonal
+        for k in range(j):
+            diagonal -= cov[j, k] * cov[j, k]
+        if not diagonal > 1e-12 * scale:
+            return False
+        root = np.sqrt(diagonal)
+        cov[j, j] = root
+        for i in range(j + 1, n):
+            value = cov[i, j]
+            for k in range(j):
+                value -= cov[i, k] * cov[j, k]
+            cov[i, j] = value / root
+    for i in range(n):
+        for c in range(jump.shape[1]):
+            value = jump[i, c]
+            for k in range(i):
+                value -= cov[i, k] * rows[k, c]
+            rows[i, c] = value / cov[i, i]
+        value = vector[i]
+        for k in range(i):
+            value -= cov[i, k] * y[k]
+        y[i] = value / cov[i, i]
+    return True
+
+
+@kernel
+def whiten_epochs(epochs, cov, vector, jump, n_rows, rows, y):
+    """White rows of epochs with the same antennas; -1, or the first one whose covariance is not definite."""
+    for e in range(len(epochs)):
+        k = epochs[e]
+        if not whiten(cov[e], vector[e], jump, rows[k], y[k]):
+            return e
+        n_rows[k] = vector.shape[1]
+    return -1
+
+
+@kernel
+def turn(x, y, z, out):
+    """Rotation matrix of the rotation vector (x, y, z), Rodrigues."""
+    square = x * x + y * y + z * z
+    if square > 1e-8:
+        angle = np.sqrt(square)
+        first = np.sin(angle) / angle
+        half = np.sin(0.5 * angle) / angle
+        second = 2.0 * half * half
+    else:
+        first = 1.0 - square / 6.0
+        second = 0.5 - square / 24.0
+    out[0, 0] = 1.0 - second * (y * y + z * z)
+    out[1, 1] = 1.0 - second * (x * x + z * z)
+    out[2, 2] = 1.0 - second * (x * x + y * y)
+    out[0, 1] = second * x * y - first * z
+    out[1, 0] = second * x * y + first * z
+    out[0, 2] = second * x * z + first * y
+    out[2, 0] = second * x * z - first * y
+    out[1, 2] = second * y * z - first * x
+    out[2, 1] = second * y * z + first * x
+
+
+@kernel
+def right_jacobian(x, y, z, out):
+    """J with exp([v + d]x) = exp([v]x) exp([J d]x) to first order in d, v = (x, y, z)."""
+    square = x * x + y * y + z * z
+    if square > 1e-4:
+        angle = np.sqrt(square)
+        half = np.sin(0.5 * angle) / angle
+        first = -2.0 * half * half
+        second = (angle - np.sin(angle)) / (square * angle)
+    else:
+        first = -0.5 + square / 24.0
+        second = 1.0 / 6.0 - square / 120.0
+    out[0, 0] = 1.0 - second * (y * y + z * z)
+    out[1, 1] = 1.0 - second * (x * x + z * z)
+    out[2, 2] = 1.0 - second * (x * x + y * y)
+    out[0, 1] = second * x * y - first * z
+    out[1, 0] = second * x * y + first * z
+    out[0, 2] = second * x * z + first * y
+    out[2, 0] = second * x * z - first * y
+    out[1, 2] = second * y * z - first * x
+    out[2, 1] = second * y * z + first * x
+
+
+@kernel
+def right_jacobian_inverse(x, y, z, out):
+    """Inverse of `right_jacobian`, for angles below a full turn."""
+    square = x * x + y * y + z * z
+    if square > 1e-3:
+        half = 0.5 * np.sqrt(square)
+        second = (1.0 - half * np.cos(half) / np.sin(half)) / square
+    else:
+        second = 1.0 / 12.0 + square / 720.0
+    out[0, 0] = 1.0 - second * (y * y + z * z)
+    out[1, 1] = 1.0 - second * (x * x + z * z)
+    out[2, 2] = 1.0 - second * (x * x + y * y)
+    out[0, 1] = second * x * y - 0.5 * z
+    out[1, 0] = second * x * y + 0.5 * z
+    out[0, 2] = second * x * z + 0.5 * y
+    out[2, 0] = second * x * z - 0.5 * y
+    out[1, 2] = second * y * z - 0.5 * x
+    out[2, 1] = second * y * z + 0.5 * x
+
+
+@kernel
+def rotation_vector_between(start, end, out):
+    """Rotation vector v with end = start exp([v]x), for angles below a half turn."""
+    trace = 0.0
+    for i in range(3):
+        for j in range(3):
+            trace += start[i, j] * end[i, j]
+    x, y, z = 0.0, 0.0, 0.0
+    for i in range(3):
+        x += start[i, 2] * end[i, 1] - start[i, 1] * end[i, 2]
+        y += start[i, 0] * end[i, 2] - start[i, 2] * end[i, 0]
+        z += start[i, 1] * end[i, 0] - start[i, 0] * end[i, 1]
+    sine = 0.5 * np.sqrt(x * x + y * y + z * z)
+    factor = 0.5
+    if sine > 1e-9:
+        factor = 0.5 * np.arctan2(sine, 0.5 * (trace - 1.0)) / sine
+    out[0] = factor * x
+    out[1] = factor * y
+    out[2] = factor * z
+
+
+@kernel
+def multiply(a, b, n, inner, m, out):
+    """Product a b, (n, inner) by (inner, m)."""
+    for i in range(n):
+        for j in range(m):
+            value = 0.0
+            for k in range(inner):
+                value += a[i, k] * b[k, j]
+            out[i, j] = value
+
+
+@kernel
+def sandwich(a, cov, n, work):
+    """Replace cov by a cov a^T, n x n and symmetric to the last digit."""
+    multiply(a, cov, n, n, n, work)
+    for i in range(n):
+        for j in range(i + 1):
+            value = 0.0
+            for k in range(n):
+                value += work[i, k] * a[j, k]
+            cov[i, j] = value
+            cov[j, i] = value
+
+
+@kernel
+def transport(jacobian, cov, sensitivity, n_consider, work):
+    """Express the rotation error of covariance and sensitivity in another tangent space."""
+    for j in range(6):
+        for i in range(3):
+            value = 0.0
+            for k in range(3):
+                value += jacobian[i, k] * cov[k, j]
+            work[i, j] = value
+    for i in range(3):
+        for j in range(3, 6):
+            cov[i, j] = work[i, j]
+            cov[j, i] = work[i, j]
+        for j in range(i + 1):
+            value = 0.0
+            for k in range(3):
+                value += work[i, k] * jacobian[j, k]
+            cov[i, j] = value
+            cov[j, i] = value
+    for j in range(n_consider):
+        x, y, z = sensitivity[0, j], sensitivity[1, j], sensitivity[2, j]
+        for i in range(3):
+            sensitivity[i, j] = jacobian[i, 0] * x + jacobian[i, 1] * y + jacobian[i, 2] * z
+
+
+@kernel
+def predict(
+    dt, noise, is_printed, has_noise, rot, rate, cov, sensitivity, n_consider, phi, work, small, other
+):
+    """Take the state, its covariance and its sensitivity dt seconds further; phi is the transition.
+
+    `noise` is the variance that the rates gain in a second, or with the printed form at every epoch.
+    """
+    turn(dt * rate[0], dt * rate[1], dt * rate[2], small)
+    for i in range(3):
+        for j in range(3):
+            # The rows of R times the turn; the transition of the error has its transpose.
+            phi[i, j] = small[j, i]
+            phi[i + 3, j] = 0.0
+            phi[i + 3, j + 3] = 1.0 if i == j else 0.0
+            other[i, j] = rot[i, 0] * small[0, j] + rot[i, 1] * small[1, j] + rot[i, 2] * small[2, j]
+    for i in range(3):
+        for j in range(3):
+            rot[i, j] = other[i, j]
+    right_jacobian(dt * rate[0], dt * rate[1], dt * rate[2], small)
+    for i in range(3):
+        for j in range(3):
+            phi[i, j + 3] = dt * small[i, j]
+    sandwich(phi, cov, _STATE, work)
+    for j in range(n_consider):
+        for i in range(3):
+            value = 0.0
+            for k in range(6):
+                value += phi[i, k] * sensitivity[k, j]
+            work[i, 0] = value
+        for i in range(3):
+            sensitivity[i, j] = work[i, 0]
+    if not has_noise:
+        return
+    if is_printed:
+        for i in range(3):
+            cov[i + 3, i + 3] += noise[i]
+        return
+    for node in range(5):
+        span = _NODES[node] * dt
+        right_jacobian(span * rate[0], span * rate[1], span * rate[2], small)
+        weight = _WEIGHTS[node] * dt
+        for i in range(3):
+            for j in range(3):
+                cross = weight * span * small[i, j] * noise[j]
+                cov[i, j + 3] += cross
+                cov[j + 3, i] += cross
+                value = 0.0
+                for k in range(3):
+                    value += small[i, k] * noise[k] * small[j, k]
+                cov[i, j] += weight * span * span * value
+    for i in range(3):
+        cov[i + 3, i + 3] += noise[i] * dt
+
+
+@kernel
+def linearise(rows, y, n_rows, body, n_antennas, rot, eta, turned, jacobian, design_p, design, misfit):
+    """Misfit of the rows at rot exp([eta]x), and its derivative to eta.
+
+    `turned` becomes that rotation, `design_p` the derivative of the antennas' coordinates.
+    """
+    turn(eta[0], eta[1], eta[2], jacobian)
+    for i in range(3):
+        for j in range(3):
+            turned[i, j] = (
+                rot[i, 0] * jacobian[0, j] + rot[i, 1] * jacobian[1, j] + rot[i, 2] * jacobian[2, j]
+            )
+    right_jacobian(eta[0], eta[1], eta[2], jacobian)
+    for a in range(n_antennas):
+        x, y_, z = body[a, 0], body[a, 1], body[a, 2]
+        for i in range(3):
+            # Row i of -R [l]x, then times the Jacobian.
+            c0 = turned[i, 2] * y_ - turned[i, 1] * z
+            c1 = turned[i, 0] * z - turned[i, 2] * x
+            c2 = turned[i, 1] * x - turned[i, 0] * y_
+            for j in range(3):
+                design_p[3 * a + i, j] = c0 * jacobian[0, j] + c1 * jacobian[1, j] + c2 * jacobian[2, j]
+            design_p[3 * a + i, 3] = turned[i, 0] * x + turned[i, 1] * y_ + turned[i, 2] * z
+    for row in range(n_rows):
+        d0, d1, d2, value = 0.0, 0.0, 0.0, y[row]
+        for c in range(3 * n_antennas):
+            factor = rows[row, c]
+            d0 += factor * design_p[c, 0]
+            d1 += factor * design_p[c, 1]
+            d2 += factor * design_p[c, 2]
+            value -= factor * design_p[c, 3]
+        design[row, 0] = d0
+        design[row, 1] = d1
+        design[row, 2] = d2
+        misfit[row] = value
+
+
+@kernel
+def estimate(
+    rows, y, n_rows, body, n_antennas, rot, prior_inverse, eta, turned, jacobian, design_p, design, misfit,
+    normal, posterior
+):  # fmt: skip
+    """Turn eta that fits prior and rows best; False where it cannot be found.
+
+    `misfit` becomes the innovation against the prior, linearised about the result, `design` the derivative
+    there, `posterior` the covariance of eta.
+    """
+    for i in range(3):
+        eta[i] = 0.0
+    for _ in range(MAX_ITERATIONS):
+        linearise(rows, y, n_rows, body, n_antennas, rot, eta, turned, jacobian, design_p, design, misfit)
+        for i in range(3):
+            for j in range(3):
+                normal[i, j] = prior_inverse[i, j]
+        g0, g1, g2 = 0.0, 0.0, 0.0
+        for row in range(n_rows):
+            d0, d1, d2 = design[row, 0], design[row, 1], design[row, 2]
+            value = misfit[row] + d0 * eta[0] + d1 * eta[1] + d2 * eta[2]
+            misfit[row] = value
+            g0 += d0 * value
+            g1 += d1 * value
+            g2 += d2 * value
+            normal[0, 0] += d0 * d0
+            normal[0, 1] += d0 * d1
+            normal[0, 2] += d0 * d2
+            normal[1, 1] += d1 * d1
+            normal[1, 2] += d1 * d2
+            normal[2, 2] += d2 * d2
+        normal[1, 0], normal[2, 0], normal[2, 1] = normal[0, 1], normal[0, 2], normal[1, 2]
+        if not invert_3(normal, posterior):
+            return False
+        step = 0.0
+        for i in range(3):
+            value = posterior[i, 0] * g0 + posterior[i, 1] * g1 + posterior[i, 2] * g2
+            step += (value - eta[i]) ** 2
+            eta[i] = value
+        if step <= _SETTLED * (posterior[0, 0] + posterior[1, 1] + posterior[2, 2]):
+            return True
+    return step < 1e-4
+
+
+@kernel
+def innovation_inverse(
+    n_rows,
+    design,
+    cov,
+    rows,
+    turned,
+    n_antennas,
+    sensitivity,
+    consider,
+    n_consider,
+    lever,
+    lever_cov,
+    full,
+    inverse,
+):
+    """Inverse of the covariance of the innovation: noise, prediction and body coordinates."""
+    for i in range(n_rows):
+        for j in range(i + 1):
+            value = 1.0 if i == j else 0.0
+            for a in range(3):
+                for b in range(3):
+                    value += design[i, a] * cov[a, b] * design[j, b]
+            full[i, j] = value
+    if n_consider > 0:
+        # Derivative of the innovation to the coordinates: by the prediction, and at once.
+        for row in range(n_rows):
+            for a in range(n_antennas):
+                for j in range(3):
+                    c = 3 * a + j
+                    value = 0.0
+                    for i in range(3):
+                        value += rows[row, 3 * a + i] * turned[i, j] + design[row, i] * sensitivity[i, c]
+                    lever[row, c] = value
+        multiply(lever, consider, n_rows, n_consider, n_consider, lever_cov)
+        for i in range(n_rows):
+            for j in range(i + 1):
+                for c in range(n_consider):
+                    full[i, j] += lever_cov[i, c] * lever[j, c]
+    return cholesky_invert(full, n_rows, inverse)
+
+
+@kernel
+def judge_antennas(
+    rows,
+    n_rows,
+    n_antennas,
+    inverse,
+    misfit,
+    local_limit,
+    vector_limits,
+    back,
+    block,
+    axes,
+    values,
+    found,
+    is_fit,
+):
+    """Global, local and vector-wise tests: found becomes chi-square, largest |w|, largest 3-D statistic.
+
+    Antennas are compared by their 3-D statistic over the limit of its rank. Returns the antenna with the
+    largest; `is_fit` becomes 0 where one of them, or of its components, fails.
+    """
+    chi2 = 0.0
+    for i in range(n_rows):
+        value = 0.0
+        for j in range(n_rows):
+            value += inverse[i, j] * misfit[j]
+        back[i, 3] = value
+        chi2 += value * misfit[i]
+    scale = 0.0
+    for c in range(3 * n_antennas):
+        square = 0.0
+        for i in range(n_rows):
+            square += rows[i, c] * rows[i, c]
+        scale = max(scale, square)
+    largest_local, largest_vector, largest_ratio = 0.0, 0.0, -1.0
+    worst = -1
+    is_fit[0] = 1
+    for a in range(n_antennas):
+        square = 0.0
+        for i in range(n_rows):
+            for c in range(3 * a, 3 * a + 3):
+                square += rows[i, c] * rows[i, c]
+        if square <= _EMPTY * _EMPTY * scale:
+            continue
+        for i in range(n_rows):
+            for c in range(3):
+                value = 0.0
+                for j in range(n_rows):
+                    value += inverse[i, j] * rows[j, 3 * a + c]
+                back[i, c] = value
+        ratio = 0.0
+        for c in range(3):
+            slope = 0.0
+            for i in range(n_rows):
+                slope += rows[i, 3 * a + c] * back[i, 3]
+            back[n_rows, c] = slope
+            for d in range(c + 1):
+                value = 0.0
+                for i in range(n_rows):
+                    value += rows[i, 3 * a + d] * back[i, c]
+                block[c, d] = value
+                block[d, c] = value
+            if block[c, c] > 1e-9 * scale:
+                local = abs(slope) / np.sqrt(block[c, c])
+                largest_local = max(largest_local, local)
+                ratio = max(ratio, (local / local_limit) ** 2)
+        eigen_symmetric_3(block, values, axes)
+        statistic = 0.0
+        rank = 0
+        for e in range(3):
+            if values[e] > 1e-9 * values[2]:
+                rank += 1
+                slope = 0.0
+                for c in range(3):
+                    slope += axes[c, e] * back[n_rows, c]
+                statistic += slope * slope / values[e]
+        largest_vector = max(largest_vector, statistic)
+        if statistic > vector_limits[rank] or ratio > 1.0:
+            is_fit[0] = 0
+        ratio = statistic / vector_limits[rank]
+        if ratio > largest_ratio:
+            largest_ratio = ratio
+            worst = a
+            found[3] = statistic
+            found[4] = vector_limits[rank]
+    found[0] = chi2
+    found[1] = largest_local
+    found[2] = largest_vector
+    return worst
+
+
+@kernel
+def eliminate(rows, y, n_rows, n_columns, first, count):
+    """Rows that do not see columns first to first + count - 1; returns how many are left.
+
+    A reflection gathers a column in the last row, which is then left out: the noise stays white.
+    """
+    scale = 0.0
+    for c in range(n_columns):
+        square = 0.0
+        for i in range(n_rows):
+            square += rows[i, c] * rows[i, c]
+        scale = max(scale, square)
+    for column in range(first, first + count):
+        square = 0.0
+        for i in range(n_rows):
+            square += rows[i, column] * rows[i, column]
+        if n_rows == 0 or square <= _EMPTY * _EMPTY * scale:
+            for i in range(n_rows):
+                rows[i, column] = 0.0
+            continue
+        last = n_rows - 1
+        top = rows[last, column]
+        length = np.sqrt(square)
+        if top < 0.0:
+            length = -length
+        # The mirror's vector is the column itself with its last element changed.
+        pivot = top + length
+        factor = 1.0 / (length * pivot)
+        for c in range(n_columns):
+            if c == column:
+                continue
+            value = pivot * rows[last, c]
+            for i in range(last):
+                value += rows[i, column] * rows[i, c]
+            value *= factor
+            for i in range(last):
+                rows[i, c] -= value * rows[i, column]
+        value = pivot * y[last]
+        for i in range(last):
+            value += rows[i, column] * y[i]
+        value *= factor
+        for i in range(last):
+            y[i] -= value * rows[i, column]
+            rows[i, column] = 0.0
+        n_rows = last
+    return n_rows
+
+
+@kernel
+def log_event(which, numbers, carried, epoch, kind, antenna, statistic, limit):
+    """Note what happened, as long as there is room."""
+    n = carried[N_EVENTS]
+    if n < len(which):
+        which[n, 0] = epoch
+        which[n, 1] = kind
+        which[n, 2] = antenna
+        numbers[n, 0] = statistic
+        numbers[n, 1] = limit
+        carried[N_EVENTS] = n + 1
+
+
+@kernel
+def update(
+    rows, n_rows, turned, eta, design, posterior, prior_inverse, rot, rate, cov, sensitivity, n_consider,
+    gain, jacobian, work
+):  # fmt: skip
+    """Update by the turn eta and its covariance; rates learn through their correlation with it."""
+    # Regression of the rates on the rotation, and what of their covariance it leaves.
+    for i in range(3):
+        for j in range(3):
+            value = 0.0
+            for k in range(3):
+                value += cov[i + 3, k] * prior_inverse[k, j]
+            gain[i, j] = value
+    for i in range(3):
+        for j in range(i + 1):
+            value = cov[i + 3, j + 3]
+            for k in range(3):
+                value -= gain[i, k] * cov[j + 3, k]
+            work[i, j] = value
+    for i in range(3):
+        for j in range(3):
+            value = 0.0
+            for k in range(3):
+                value += gain[i, k] * posterior[k, j]
+            work[i + 3, j] = value
+    for i in range(3):
+        for j in range(i + 1):
+            value = work[i, j]
+            for k in range(3):
+                value += work[i + 3, k] * gain[j, k]
+            cov[i + 3, j + 3] = value
+            cov[j + 3, i + 3] = value
+        for j in range(3):
+            cov[i + 3, j] = work[i + 3, j]
+            cov[j, i + 3] = work[i + 3, j]
+            cov[i, j] = posterior[i, j]
+        rate[i] += gain[i, 0] * eta[0] + gain[i, 1] * eta[1] + gain[i, 2] * eta[2]
+    # What the coordinates do to the innovation goes into the state with the gain.
+    for c in range(n_consider):
+        antenna = c // 3
+        axis = c - 3 * antenna
+        for i in range(3):
+            work[0, i] = 0.0
+        for row in range(n_rows):
+            value = 0.0
+            for i in range(3):
+                value += rows[row, 3 * antenna + i] * turned[i, axis] + design[row, i] * sensitivity[i, c]
+            for i in range(3):
+                work[0, i] += design[row, i] * value
+        for i in range(3):
+            work[1, i] = (
+                posterior[i, 0] * work[0, 0] + posterior[i, 1] * work[0, 1] + posterior[i, 2] * work[0, 2]
+            )
+        for i in range(3):
+            sensitivity[i, c] -= work[1, i]
+            sensitivity[i + 3, c] -= (
+                gain[i, 0] * work[1, 0] + gain[i, 1] * work[1, 1] + gain[i, 2] * work[1, 2]
+            )
+    for i in range(3):
+        for j in range(3):
+            rot[i, j] = turned[i, j]
+    right_jacobian(eta[0], eta[1], eta[2], jacobian)
+    transport(jacobian, cov, sensitivity, n_consider, work)
+
+
+@kernel
+def filter_epochs(
+    first, time_ns, is_epoch, n_rows, rows, y, body, consider, n_consider, noise, numbers, switches,
+    global_limits, strict_limits, vector_limits, carried, rot, rate, cov, sensitivity,
+    out_rot, out_rate, out_cov, out_sensitivity, before_rot, before_rate, before_cov, keeps_before,
+    state, segment, statistics, is_used, is_rejected, events, event_numbers,
+):  # fmt: skip
+    """Filter from epoch `first` on, until the end or until the caller must find an attitude.
+
+    The caller owns all that is carried, so that epochs may come in blocks. Returns the epoch reached and why:
+    `NEEDS_START` where there is no state and an epoch has rows, `LOCKED_OUT` after so many rejected epochs.
+    """
+    n = len(time_ns)
+    m = len(body)
+    r_max = rows.shape[1]
+    c_max = 3 * m
+    a_rows = np.empty((r_max, c_max))
+    a_y = np.empty(r_max)
+    phi, work, small, other = np.empty((6, 6)), np.empty((6, 6)), np.empty((3, 3)), np.empty((3, 3))
+    moved = np.empty((6, c_max))
+    prior, prior_inverse = np.empty((3, 3)), np.empty((3, 3))
+    eta, turned, jacobian = np.zeros(3), np.empty((3, 3)), np.empty((3, 3))
+    design_p, design, misfit = np.empty((c_max, 4)), np.empty((r_max, 3)), np.empty(r_max)
+    normal, posterior = np.empty((3, 3)), np.empty((3, 3))
+    lever, lever_cov = np.empty((r_max, c_max)), np.empty((r_max, c_max))
+    full, inverse = np.empty((r_max, r_max)), np.empty((r_max, r_max))
+    back, block, axes = np.empty((r_max + 1, 4)), np.empty((3, 3)), np.empty((3, 3))
+    values, found, is_fit = np.empty(3), np.zeros(5), np.ones(1, dtype=np.int64)
+    for k in range(first, n):
+        segment[k] = -1
+        state[k] = S_NONE
+        if carried[HAS_STATE] and time_ns[k] - carried[UPDATE_TIME] > numbers[MAX_PREDICTION_NS]:
+            carried[HAS_STATE] = 0
+            log_event(
+                events, event_numbers, carried, k, E_DROPPED, -1,
+                1e-9 * (time_ns[k] - carried[UPDATE_TIME]), 1e-9 * numbers[MAX_PREDICTION_NS],
+            )  # fmt: skip
+        if not carried[HAS_STATE]:
+            if n_rows[k] > 0:
+                return k, NEEDS_START
+            continue
+        if not carried[IS_PREDICTED]:
+            predict(
+                1e-9 * (time_ns[k] - carried[STATE_TIME]), noise, switches[IS_PRINTED],
+                not switches[IS_PRINTED] or is_epoch[k],
+                rot, rate, cov, sensitivity, n_consider, phi, work, small, other,
+            )  # fmt: skip
+            carried[STATE_TIME] = time_ns[k]
+        carried[IS_PREDICTED] = 0
+        if keeps_before:
+            for i in range(3):
+                before_rate[k, i] = rate[i]
+                for j in range(3):
+                    before_rot[k, i, j] = rot[i, j]
+            for i in range(6):
+                for j in range(6):
+                    before_cov[k, i, j] = cov[i, j]
+            if n_consider > 0:
+                multiply(sensitivity, consider, _STATE, n_consider, n_consider, moved)
+                for i in range(6):
+                    for j in range(6):
+                        for c in range(n_consider):
+                            before_cov[k, i, j] += moved[i, c] * sensitivity[j, c]
+        segment[k] = carried[SEGMENT]
+        state[k] = S_PREDICTED
+        r = n_rows[k]
+        if r > 0:
+            n_logged = carried[N_EVENTS]
+            for i in range(r):
+                a_y[i] = y[k, i]
+                for c in range(c_max):
+                    a_rows[i, c] = rows[k, i, c]
+            for i in range(3):
+                for j in range(3):
+                    prior[i, j] = cov[i, j]
+            is_good = invert_3(prior, prior_inverse)
+            passes = 0
+            any_rejected = False
+            while r > 0 and is_good:
+                is_good = estimate(
+                    a_rows, a_y, r, body, m, rot, prior_inverse, eta, turned, jacobian, design_p, design,
+                    misfit, normal, posterior,
+                ) and innovation_inverse(
+                    r, design, cov, a_rows, turned, m, sensitivity, consider, n_consider, lever, lever_cov,
+                    full, inverse,
+                )  # fmt: skip
+                if not is_good:
+                    break
+                worst = judge_antennas(
+                    a_rows, r, m, inverse, misfit, numbers[LOCAL_LIMIT], vector_limits, back, block, axes,
+                    values, found, is_fit,
+                )  # fmt: skip
+                if passes == 0:
+                    statistics[k, CHI2] = found[0]
+                    statistics[k, CHI2_LIMIT] = global_limits[r]
+                    statistics[k, DOF] = r
+                    statistics[k, LOCAL] = found[1]
+                    statistics[k, VECTOR] = found[2]
+                if not switches[IS_GATED] or found[0] <= global_limits[r]:
+                    break
+                if is_fit[0] and found[0] <= strict_limits[r]:
+                    break
+                any_rejected = True
+                if passes == switches[MAX_PASSES] or worst < 0:
+                    r = 0
+                    break
+                r = eliminate(a_rows, a_y, r, c_max, 3 * worst, BLOCK)
+                is_rejected[k, worst] = True
+                is_used[k, worst] = False
+                if r > 0:
+                    log_event(events, event_numbers, carried, k, E_REJECTED, worst, found[3], found[4])
+                passes += 1
+            if not is_good:
+                r = 0
+                any_rejected = True
+            if any_rejected and r > 0:
+                # Does what is left hold all three axes by itself? If not, a wrong state would stay wrong.
+                for i in range(3):
+                    for j in range(3):
+                        normal[i, j] = 0.0
+                        for row in range(r):
+                            normal[i, j] += design[row, i] * design[row, j]
+                mean = (normal[0, 0] + normal[1, 1] + normal[2, 2]) / 3.0
+                volume = (
+                    normal[0, 0] * (normal[1, 1] * normal[2, 2] - normal[1, 2] * normal[2, 1])
+                    - normal[0, 1] * (normal[1, 0] * normal[2, 2] - normal[1, 2] * normal[2, 0])
+                    + normal[0, 2] * (normal[1, 0] * normal[2, 1] - normal[1, 1] * normal[2, 0])
+                )
+                is_weak = volume <= _FLAT * mean * mean * mean
+            else:
+                is_weak = any_rejected
+            n_rejected = carried[N_REJECTED] + 1 if is_weak else 0
+            if (
+                n_rejected >= switches[LOCK_OUT_EPOCHS]
+                and switches[HAS_RECOVERY]
+                and not carried[NO_RECOVERY]
+            ):
+                carried[N_EVENTS] = n_logged
+                return k, LOCKED_OUT
+            carried[N_REJECTED] = n_rejected
+            carried[NO_RECOVERY] = 0
+            if r > 0:
+                update(
+                    a_rows, r, turned, eta, design, posterior, prior_inverse, rot, rate, cov, sensitivity,
+                    n_consider, small, jacobian, work,
+                )  # fmt: skip
+                state[k] = S_UPDATED
+                carried[UPDATE_TIME] = time_ns[k]
+            else:
+                for a in range(m):
+                    is_rejected[k, a] = is_rejected[k, a] or is_used[k, a]
+                    is_used[k, a] = False
+                log_event(
+                    events, event_numbers, carried, k, E_EPOCH_REJECTED, -1,
+                    statistics[k, CHI2], statistics[k, CHI2_LIMIT],
+                )  # fmt: skip
+        for i in range(3):
+            out_rate[k, i] = rate[i]
+            for j in range(3):
+                out_rot[k, i, j] = rot[i, j]
+        for i in range(6):
+            for j in range(6):
+                out_cov[k, i, j] = cov[i, j]
+            for c in range(n_consider):
+                out_sensitivity[k, i, c] = sensitivity[i, c]
+    return n, DONE
+
+
+@kernel
+def smooth_epochs(time_ns, is_epoch, noise, is_printed, n_consider, segment, rot, rate, cov, sensitivity):
+    """Rauch, Tung and Striebel's smoother on the group, in place of the filtered states.
+
+    Segments, within which the filter was not started anew, are smoothed each by itself. What the smoothed
+    state of the next epoch differs from the predicted one by is a vector of the tangent space there; errors
+    are carried between tangent spaces by the Jacobian of the group.
+    """
+    n = len(time_ns)
+    phi, work, small, other = np.empty((6, 6)), np.empty((6, 6)), np.empty((3, 3)), np.empty((3, 3))
+    next_rot, next_rate, next_cov = np.empty((3, 3)), np.empty(3), np.empty((6, 6))
+    smooth_cov, inverse, gain = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
+    next_sensitivity = np.empty((6, n_consider))
+    smooth_sensitivity = np.empty((6, n_consider))
+    change = np.empty(6)
+    for k in range(n - 2, -1, -1):
+        if segment[k] < 0 or segment[k] != segment[k + 1]:
+            continue
+        for i in range(6):
+            for j in range(6):
+                next_cov[i, j] = cov[k, i, j]
+                smooth_cov[i, j] = cov[k + 1, i, j]
+            for c in range(n_consider):
+                next_sensitivity[i, c] = sensitivity[k, i, c]
+                smooth_sensitivity[i, c] = sensitivity[k + 1, i, c]
+        for i in range(3):
+            next_rate[i] = rate[k, i]
+            for j in range(3):
+                next_rot[i, j] = rot[k, i, j]
+        predict(
+            1e-9 * (time_ns[k + 1] - time_ns[k]), noise, is_printed, not is_printed or is_epoch[k + 1],
+            next_rot, next_rate, next_cov, next_sensitivity, n_consider, phi, work, small, other,
+        )  # fmt: skip
+        for i in range(6):
+            for j in range(6):
+                work[i, j] = next_cov[i, j]
+        if not cholesky_invert(work, _STATE, inverse):
+            continue
+        for i in range(6):
+            for j in range(6):
+                value = 0.0
+                for c in range(6):
+                    value += cov[k, i, c] * phi[j, c]
+                work[i, j] = value
+        multiply(work, inverse, _STATE, _STATE, _STATE, gain)
+        for i in range(3):
+            for j in range(3):
+                other[i, j] = rot[k + 1, i, j]
+        rotation_vector_between(next_rot, other, change)
+        for i in range(3):
+            change[i + 3] = rate[k + 1, i] - next_rate[i]
+        right_jacobian_inverse(change[0], change[1], change[2], small)
+        transport(small, smooth_cov, smooth_sensitivity, n_consider, work)
+        for i in range(6):
+            for j in range(6):
+                smooth_cov[i, j] -= next_cov[i, j]
+            for c in range(n_consider):
+                smooth_sensitivity[i, c] -= next_sensitivity[i, c]
+        sandwich(gain, smooth_cov, _STATE, work)
+        for i in range(6):
+            for j in range(6):
+                smooth_cov[i, j] += cov[k, i, j]
+        for c in range(n_consider):
+            for i in range(6):
+                value = sensitivity[k, i, c]
+                for j in range(6):
+                    value += gain[i, j] * smooth_sensitivity[j, c]
+                next_sensitivity[i, c] = value
+        for i in range(3):
+            next_rate[i] = 0.0
+            for j in range(6):
+                next_rate[i] += gain[i, j] * change[j]
+                rate[k, i] += gain[i + 3, j] * change[j]
+        turn(next_rate[0], next_rate[1], next_rate[2], small)
+        for i in range(3):
+            for j in range(3):
+                other[i, j] = (
+                    rot[k, i, 0] * small[0, j] + rot[k, i, 1] * small[1, j] + rot[k, i, 2] * small[2, j]
+                )
+        right_jacobian(next_rate[0], next_rate[1], next_rate[2], small)
+        transport(small, smooth_cov, next_sensitivity, n_consider, work)
+        for i in range(3):
+            for j in range(3):
+                rot[k, i, j] = other[i, j]
+        for i in range(6):
+            for j in range(6):
+                cov[k, i, j] = smooth_cov[i, j]
+            for c in range(n_consider):
+                sensitivity[k, i, c] = next_sensitivity[i, c]

@@ -1,0 +1,442 @@
+"""One pass of the attitude filter: blocks of epochs, starts, recoveries, and the events in words."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..rotations import heading_pitch_roll
+from .filter_start import fit_rows, spans_directions
+from .filter_state import FilteredAttitude, FilterState, FilterStatus
+from .solution import EpochEvent
+from .vectors import angle_covariance
+from .white_rows import WhiteRows, white_rows
+
+__all__ = ["FilterRun"]
+
+BLOCK_NUMBERS = 4_000_000
+"""White rows that are held at once: 32 MB."""
+
+PENDING_EPOCHS = 20
+"""Epochs without a full attitude of their own that are kept for a start from several."""
+
+WIDE_RAD = 1.0
+"""Standard deviation of the guess from which a start from several epochs is filtered."""
+
+
+class FilterRun:
+    """One pass of the filter over a run: the epochs of the vectors and the times asked for, merged."""
+
+    def __init__(self, measured, settings, is_used, times_ns, state):
+        from .._kernels import attitude_filter as kernels
+
+        self.kernels = kernels
+        self.measured, self.settings, self.is_given = measured, settings, is_used
+        m = len(measured.positions_body_m)
+        epochs = np.asarray(measured.time_ns, dtype=np.int64)
+        if times_ns is None:
+            self.time_ns, self.output = epochs, None
+        else:
+            times_ns = np.asarray(times_ns, dtype=np.int64)
+            self.time_ns = np.union1d(epochs, times_ns)
+            self.output = np.searchsorted(self.time_ns, times_ns)
+        n = len(self.time_ns)
+        self.of_epoch = np.searchsorted(self.time_ns, epochs)
+        self.is_epoch = np.zeros(n, dtype=bool)
+        self.is_epoch[self.of_epoch] = True
+        self.body = np.ascontiguousarray(measured.positions_body_m, dtype=float).copy()
+        self.consider = np.ascontiguousarray(measured.body_cov_m2, dtype=float).copy()
+        self.n_consider = 3 * m if np.any(self.consider) else 0
+        self._set_limits(3 * max(m - 1, 1))
+        if state is None:
+            state = FilterState(
+                np.eye(3), np.zeros(3), np.eye(6), np.zeros((6, self.n_consider)),
+                np.zeros(kernels.N_CARRIED, dtype=np.int64),
+            )  # fmt: skip
+            state.carried[kernels.SEGMENT] = -1
+        self.state = state.copy()
+        self.rot = np.full((n, 3, 3), np.nan)
+        self.rate = np.full((n, 3), np.nan)
+        self.cov = np.full((n, 6, 6), np.nan)
+        # The smoother needs what is noise and what is not apart; else a block of it is enough.
+        self.is_smoother = settings.direction == "smoother"
+        self.sensitivity = np.zeros((n if self.is_smoother else 0, 6, self.n_consider))
+        kept = n if settings.keep_predictions else 0
+        self.before_rot = np.full((kept, 3, 3), np.nan)
+        self.before_rate = np.full((kept, 3), np.nan)
+        self.before_cov = np.full((kept, 6, 6), np.nan)
+        self.status = np.zeros(n, dtype=np.uint8)
+        self.segment = np.full(n, -1, dtype=np.int64)
+        self.statistics = np.full((n, kernels.N_STATISTICS), np.nan)
+        self.is_used = np.zeros((n, m), dtype=bool)
+        self.is_rejected = np.zeros((n, m), dtype=bool)
+        self.is_lock_out = np.zeros(n, dtype=bool)
+        self.is_start = np.zeros(n, dtype=bool)
+        self.events: list[EpochEvent] = []
+        self.has_refused = False
+        self.can_start = spans_directions(self.body)
+
+    def _set_limits(self, r_max):
+        from scipy.stats import chi2, ncx2, norm
+
+        settings, kernels = self.settings, self.kernels
+        alpha = settings.significance
+        degrees = np.arange(1, max(r_max, 3) + 1)
+        local = norm.isf(0.5 * alpha)
+        strict = chi2.isf(alpha, degrees)
+        equal_power = strict
+        if settings.global_test == "b_method":
+            shift = (local + norm.ppf(settings.power)) ** 2
+            equal_power = ncx2.ppf(1.0 - settings.power, degrees, shift)
+        self.global_limits = np.concatenate([[0.0], equal_power])
+        self.strict_limits = np.concatenate([[0.0], strict])
+        self.vector_limits = self.strict_limits[:4].copy()
+        self.numbers = np.array([1e9 * settings.max_prediction_s, local])
+        if settings.process == "wang":
+            noise = np.radians(settings.rate_step_dps) ** 2
+        else:
+            noise = np.radians(1.0) ** 2 * np.asarray(settings.rate_noise_dps2_per_s, dtype=float)
+        self.noise = np.ascontiguousarray(noise)
+        self.switches = np.zeros(5, dtype=np.int64)
+        self.switches[kernels.IS_GATED] = settings.gate
+        self.switches[kernels.MAX_PASSES] = settings.max_passes
+        self.switches[kernels.LOCK_OUT_EPOCHS] = settings.lock_out_epochs
+        self.switches[kernels.HAS_RECOVERY] = settings.recovery != "none"
+        self.switches[kernels.IS_PRINTED] = settings.process == "wang"
+
+    def filter(self):
+        """Run the filter over all epochs, in blocks of bounded memory."""
+        m = len(self.body)
+        size = max(1, BLOCK_NUMBERS // (9 * m * max(m - 1, 1)))
+        for first in range(0, len(self.time_ns), size):
+            block = slice(first, min(first + size, len(self.time_ns)))
+            self._filter_block(block, self._rows(block))
+
+    def _rows(self, block):
+        """White rows of a range of the merged epochs."""
+        inside = np.searchsorted(self.of_epoch, [block.start, block.stop])
+        found = white_rows(self.measured, slice(*inside), self.is_given)
+        if self.output is None:
+            return found
+        n, at = block.stop - block.start, self.of_epoch[slice(*inside)] - block.start
+        spread = WhiteRows(*(np.zeros((n, *part.shape[1:]), dtype=part.dtype) for part in found))
+        for whole, part in zip(spread, found, strict=True):
+            whole[at] = part
+        return spread
+
+    def _filter_block(self, block, white):
+        kernels, state, carried = self.kernels, self.state, self.state.carried
+        self.is_used[block] = white.is_seen
+        n = block.stop - block.start
+        room = n * (len(self.body) + 2)
+        events, numbers = np.zeros((room, 3), dtype=np.int64), np.zeros((room, 2))
+        sensitivity = self.sensitivity[block] if self.is_smoother else np.zeros((n, 6, self.n_consider))
+        kept = block if self.settings.keep_predictions else slice(0, 0)
+        outputs = (
+            self.rot[block], self.rate[block], self.cov[block], sensitivity,
+            self.before_rot[kept], self.before_rate[kept], self.before_cov[kept],
+            self.settings.keep_predictions,
+            self.status[block], self.segment[block], self.statistics[block],
+            self.is_used[block], self.is_rejected[block], events, numbers,
+        )  # fmt: skip
+        carried[kernels.N_EVENTS] = 0
+        k = 0
+        while True:
+            k, why = self._kernel(k, self.time_ns[block], self.is_epoch[block], white, outputs)
+            if why == kernels.DONE:
+                break
+            epoch = block.start + k
+            rows, y = white.rows[k, : white.n_rows[k]], white.y[k, : white.n_rows[k]]
+            if why == kernels.NEEDS_START:
+                is_done = self._start(epoch, rows, y)
+            else:
+                is_done = self._recover(epoch, rows, y)
+            if is_done:
+                self.status[epoch] = FilterStatus.UPDATED
+                self.is_start[epoch] = True
+                self.segment[epoch] = carried[kernels.SEGMENT]
+                self.statistics[epoch] = np.nan
+                self.rot[epoch] = state.rot_ned_from_body
+                self.rate[epoch] = state.rate_body_radps
+                self.cov[epoch] = state.cov
+                sensitivity[k] = state.sensitivity
+            if is_done or why == kernels.NEEDS_START:
+                k += 1
+        n_events = carried[kernels.N_EVENTS]
+        self._tell(block.start, events[:n_events], numbers[:n_events])
+        if self.n_consider and not self.is_smoother:
+            self.cov[block] += sensitivity @ self.consider @ np.swapaxes(sensitivity, 1, 2)
+
+    def _kernel(self, k, time_ns, is_epoch, white, outputs):
+        """Run the compiled loop from epoch k of a block on."""
+        state = self.state
+        return self.kernels.filter_epochs(
+            k, time_ns, is_epoch, white.n_rows, white.rows, white.y, self.body, self.consider,
+            self.n_consider, self.noise, self.numbers, self.switches, self.global_limits, self.strict_limits,
+            self.vector_limits, state.carried, state.rot_ned_from_body, state.rate_body_radps, state.cov,
+            state.sensitivity, *outputs,
+        )  # fmt: skip
+
+    def _fit(self, epoch, rows, y):
+        """Least-squares attitude of one epoch that passes its test, or None; and whether it is determined."""
+        from scipy.stats import chi2
+
+        limit = chi2.isf(self.settings.significance, np.arange(1, len(y) + 2))
+        fit = fit_rows(rows, y, self.body, self.consider)
+        if fit is None:
+            return None, False, None
+        if not self.settings.gate or fit.dof == 0 or fit.chi2 <= limit[fit.dof - 1]:
+            return fit, True, None
+        seen = np.flatnonzero(self.is_used[epoch] | self.is_rejected[epoch])
+        best, without = None, None
+        if len(seen) > 3:
+            for antenna in seen:
+                left, short = rows.copy(), y.copy()
+                at = np.int64(3 * antenna)
+                count = self.kernels.eliminate(left, short, len(y), rows.shape[1], at, self.kernels.BLOCK)
+                trial = fit_rows(left[:count], short[:count], self.body, self.consider)
+                if trial is None or trial.dof == 0 or trial.chi2 > limit[trial.dof - 1]:
+                    continue
+                if best is None or trial.chi2 < best.chi2:
+                    best, without = trial, int(antenna)
+        if best is None:
+            if not self.has_refused:
+                self._say(
+                    epoch, "start", "", fit.chi2, limit[fit.dof - 1],
+                    "The attitude filter did not start at this epoch: the vectors contradict the body "
+                    f"coordinates (chi-square {fit.chi2:.1f}, limit {limit[fit.dof - 1]:.1f}).",
+                )  # fmt: skip
+            self.has_refused = True
+        else:
+            self._say(
+                epoch, "excluded", self._name(without), fit.chi2, limit[fit.dof - 1],
+                f"Antenna {self._name(without)} was left out of the least-squares attitude from which the "
+                f"filter starts: with it chi-square is {fit.chi2:.1f}, above {limit[fit.dof - 1]:.1f}.",
+            )  # fmt: skip
+        return best, True, without
+
+    def _set(self, epoch, fit, without):
+        """Take a least-squares attitude as the state, the rate unknown."""
+        kernels, state = self.kernels, self.state
+        state.rot_ned_from_body[:] = fit.rot_ned_from_body
+        state.rate_body_radps[:] = 0.0
+        state.cov[:] = 0.0
+        state.cov[:3, :3] = fit.cov_body_rad2
+        state.cov[3:, 3:] = np.eye(3) * math.radians(self.settings.initial_rate_sd_dps) ** 2
+        state.sensitivity[:] = 0.0
+        if self.n_consider:
+            state.sensitivity[:3] = fit.sensitivity
+        self._begin(epoch)
+        seen = self.is_used[epoch] | self.is_rejected[epoch]
+        self.is_rejected[epoch] = False
+        if without is not None:
+            self.is_rejected[epoch, without] = True
+        self.is_used[epoch] = seen & ~self.is_rejected[epoch]
+        state.carried[kernels.UPDATE_TIME] = self.time_ns[epoch]
+
+    def _begin(self, epoch):
+        """Count a new segment that begins at an epoch."""
+        kernels, carried = self.kernels, self.state.carried
+        carried[kernels.HAS_STATE] = 1
+        carried[kernels.N_REJECTED] = 0
+        carried[kernels.IS_PREDICTED] = 0
+        carried[kernels.NO_RECOVERY] = 0
+        carried[kernels.STATE_TIME] = self.time_ns[epoch]
+        carried[kernels.SEGMENT] += 1
+        self.state.pending = ()
+        self.has_refused = False
+
+    def _start(self, epoch, rows, y):
+        """Start the filter at an epoch, by its own vectors or with those of epochs before; True if it did."""
+        state, settings = self.state, self.settings
+        if not self.can_start:
+            return False
+        fit, is_determined, without = self._fit(epoch, rows, y)
+        if fit is not None:
+            self._set(epoch, fit, without)
+            self._say(
+                epoch, "start", "", fit.chi2, math.nan,
+                f"The attitude filter started by least squares from {np.count_nonzero(self.is_used[epoch])} "
+                "antennas.",
+            )  # fmt: skip
+            return True
+        if is_determined:
+            return False
+        since = self.time_ns[epoch] - int(1e9 * settings.max_prediction_s)
+        pending = [part for part in state.pending if part[0] >= since]
+        pending = [*pending[1 - PENDING_EPOCHS :], (int(self.time_ns[epoch]), rows.copy(), y.copy())]
+        state.pending = tuple(pending)
+        return self._start_from_several(epoch)
+
+    def _start_from_several(self, epoch):
+        """Start by filtering epochs that have no full attitude each, from the one they have together."""
+        kernels, state, pending = self.kernels, self.state, self.state.pending
+        m = len(self.body)
+        legs = []
+        for _, rows, _ in pending:
+            seen = np.abs(rows).reshape(len(rows), m, 3).max((0, 2)) > 0.0
+            legs.append(self.body[seen] - self.body[seen][0])
+        legs = np.concatenate(legs)
+        size = np.linalg.svd(legs, compute_uv=False)
+        if not (len(size) > 1 and size[1] > 1e-6 * size[0]):
+            return False
+        guess = fit_rows(
+            np.concatenate([part[1] for part in pending]), np.concatenate([part[2] for part in pending]),
+            self.body, self.consider,
+        )  # fmt: skip
+        if guess is None:
+            return False
+        earlier = state.copy()
+        rate_variance = math.radians(self.settings.initial_rate_sd_dps) ** 2
+        state.rot_ned_from_body[:] = guess.rot_ned_from_body
+        state.rate_body_radps[:] = 0.0
+        state.cov[:] = np.diag([WIDE_RAD**2] * 3 + [rate_variance] * 3)
+        state.sensitivity[:] = 0.0
+        carried = state.carried
+        carried[kernels.HAS_STATE], carried[kernels.IS_PREDICTED] = 1, 0
+        carried[kernels.NO_RECOVERY], carried[kernels.N_REJECTED] = 0, 0
+        carried[kernels.STATE_TIME] = carried[kernels.UPDATE_TIME] = pending[0][0]
+        n, r_max = len(pending), max(3 * (m - 1), 1)
+        white = WhiteRows(
+            np.array([len(part[2]) for part in pending], dtype=np.int64),
+            np.zeros((n, r_max, 3 * m)), np.zeros((n, r_max)), np.ones((n, m), dtype=bool),
+        )  # fmt: skip
+        for j, (_, rows, y) in enumerate(pending):
+            white.rows[j, : len(y)], white.y[j, : len(y)] = rows, y
+        status, rejected = np.zeros(n, dtype=np.uint8), np.zeros((n, m), dtype=bool)
+        outputs = (
+            np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros((n, 6, 6)), np.zeros((n, 6, self.n_consider)),
+            np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 6, 6)), False,
+            status, np.zeros(n, dtype=np.int64), np.zeros((n, kernels.N_STATISTICS)),
+            white.is_seen, rejected, np.zeros((0, 3), dtype=np.int64), np.zeros((0, 2)),
+        )  # fmt: skip
+        times = np.array([part[0] for part in pending], dtype=np.int64)
+        self._kernel(0, times, np.ones(n, dtype=bool), white, outputs)
+        spread = math.sqrt(np.trace(state.cov[:3, :3]))
+        if rejected.any() or spread > math.radians(self.settings.max_sd_deg):
+            self.state = earlier
+            return False
+        self._begin(epoch)
+        state.carried[kernels.UPDATE_TIME] = self.time_ns[epoch]
+        self._say(
+            epoch, "start", "", math.nan, math.nan,
+            f"The attitude filter started from the vectors of {n} epochs, none of which has a full attitude.",
+        )  # fmt: skip
+        return True
+
+    def _recover(self, epoch, rows, y):
+        """Get a locked-out filter going again; True if it was started anew at this epoch."""
+        kernels, settings, state = self.kernels, self.settings, self.state
+        carried = state.carried
+        n_rejected = int(carried[kernels.N_REJECTED]) + 1
+        if n_rejected == settings.lock_out_epochs:
+            self.is_lock_out[epoch] = True
+            self._say(
+                epoch, "lock-out", "", n_rejected, settings.lock_out_epochs,
+                f"The attitude filter is locked out: its prediction rejected the vectors of {n_rejected} "
+                "epochs in a row.",
+            )  # fmt: skip
+        is_determined = False
+        if settings.recovery == "restart":
+            fit, is_determined, without = self._fit(epoch, rows, y)
+            if fit is not None:
+                self._set(epoch, fit, without)
+                self._say(
+                    epoch, "restart", "", fit.chi2, math.nan,
+                    "The attitude filter was started anew by least squares after its lock-out.",
+                )  # fmt: skip
+                return True
+        if not is_determined and n_rejected >= settings.lock_out_epochs:
+            # As if the rate had been unknown since the last epoch that was taken.
+            since = 1e-9 * (self.time_ns[epoch] - carried[kernels.UPDATE_TIME])
+            variance = math.radians(settings.initial_rate_sd_dps) ** 2
+            step = np.array([[since * since, since], [since, 1.0]]) * variance
+            state.cov += np.kron(step, np.eye(3))
+            self._begin(epoch)
+            self.is_start[epoch] = True
+            self._say(
+                epoch, "widened", "", n_rejected, settings.lock_out_epochs,
+                "The covariance of the attitude filter was widened after its lock-out, as if the rate had "
+                f"been unknown for {since:.1f} s.",
+            )  # fmt: skip
+        carried[kernels.IS_PREDICTED] = 1
+        carried[kernels.NO_RECOVERY] = 1
+        return False
+
+    def _tell(self, start, which, numbers):
+        """Spell out the events of the compiled loop."""
+        kernels = self.kernels
+        for (k, kind, antenna), (statistic, limit) in zip(which.tolist(), numbers.tolist(), strict=True):
+            epoch = start + k
+            if kind == kernels.E_REJECTED:
+                name = self._name(antenna)
+                self._say(
+                    epoch, "outlier", name, statistic, limit,
+                    f"Antenna {name} was left out of the attitude filter at this epoch: the test of its "
+                    f"vector against the prediction gives {statistic:.1f}, the largest of all "
+                    f"(limit {limit:.1f}).",
+                )  # fmt: skip
+            elif kind == kernels.E_EPOCH_REJECTED:
+                self._say(
+                    epoch, "rejected", "", statistic, limit,
+                    "The whole epoch was left out of the attitude filter: its vectors contradict the "
+                    f"prediction (chi-square {statistic:.1f}, limit {limit:.1f}).",
+                )  # fmt: skip
+            else:
+                self._say(
+                    epoch, "gap", "", statistic, limit,
+                    f"The attitude filter had no update for {statistic:.1f} s, longer than it may predict "
+                    f"({limit:.1f} s); it starts anew at the next full attitude.",
+                )  # fmt: skip
+
+    def _say(self, epoch, kind, antenna, statistic, limit, text):
+        time = int(self.time_ns[epoch])
+        self.events.append(EpochEvent(time, kind, "", antenna, float(statistic), float(limit), text))
+
+    def _name(self, antenna):
+        names = self.measured.names
+        return names[antenna] if antenna < len(names) else f"number {antenna + 1}"
+
+    def smooth(self):
+        """Smooth the filtered states in place."""
+        self.kernels.smooth_epochs(
+            self.time_ns, self.is_epoch, self.noise, self.switches[self.kernels.IS_PRINTED], self.n_consider,
+            self.segment, self.rot, self.rate, self.cov, self.sensitivity,
+        )  # fmt: skip
+        if self.n_consider:
+            self.cov += self.sensitivity @ self.consider @ np.swapaxes(self.sensitivity, 1, 2)
+
+    def result(self):
+        """What was asked for, with angles."""
+        kernels = self.kernels
+        pick = slice(None) if self.output is None else self.output
+        rot, rate, cov = self.rot[pick], self.rate[pick], self.cov[pick]
+        status = self.status[pick]
+        with np.errstate(invalid="ignore"):
+            is_vague = ~(np.einsum("nii->n", cov[:, :3, :3]) <= math.radians(self.settings.max_sd_deg) ** 2)
+        is_vague |= status == FilterStatus.NONE
+        status[is_vague] = FilterStatus.NONE
+        rot[is_vague], rate[is_vague], cov[is_vague] = np.nan, np.nan, np.nan
+        heading, pitch, roll = heading_pitch_roll(rot)
+        cov_angles = np.full((len(rot), 3, 3), np.nan)
+        good = np.flatnonzero(~is_vague)
+        cov_ned = rot[good] @ cov[good, :3, :3] @ np.swapaxes(rot[good], 1, 2)
+        cov_angles[good] = angle_covariance(rot[good], cov_ned)
+        statistics = self.statistics[pick]
+        keeps = self.settings.keep_predictions
+        dof = statistics[:, kernels.DOF]
+        return FilteredAttitude(
+            self.time_ns[pick], status, rot, rate, cov, heading, pitch, roll, cov_angles,
+            statistics[:, kernels.CHI2], statistics[:, kernels.CHI2_LIMIT],
+            np.where(np.isnan(dof), 0, dof).astype(np.int64),
+            statistics[:, kernels.LOCAL], statistics[:, kernels.VECTOR],
+            self.is_used[pick], self.is_rejected[pick], self.is_lock_out[pick], self.is_start[pick],
+            np.where(is_vague, -1, self.segment[pick]),
+            tuple(sorted(self.events, key=lambda event: event.time_ns)),
+            self.settings,
+            self.before_rot[pick] if keeps else None,
+            self.before_rate[pick] if keeps else None,
+            self.before_cov[pick] if keeps else None,
+            self.state if self.settings.direction == "forward" else None,
+        )  # fmt: skip
