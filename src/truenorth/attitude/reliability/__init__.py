@@ -3,7 +3,9 @@
 from .adaptation import Adaptation, Outcome, adapt_model
 from .array_adaptation import AttitudeAdaptation, adapt_attitude
 from .array_reliability import AttitudeReliability, attitude_reliability, filter_reliability
+from .events import adaptation_events, phase_events, protection_events, reliability_events
 from .linear import FaultShape, LinearModel, filter_model, least_squares_model
+from .phase_reliability import PhaseReliability, phase_model, phase_reliability
 from .settings import ReliabilitySettings
 from .significance import b_method_limit, b_method_significance, detectable_shift, local_limit
 
@@ -14,9 +16,11 @@ __all__ = [
     "FaultShape",
     "LinearModel",
     "Outcome",
+    "PhaseReliability",
     "ReliabilitySettings",
     "adapt_attitude",
     "adapt_model",
+    "adaptation_events",
     "attitude_reliability",
     "b_method_limit",
     "b_method_significance",
@@ -25,4 +29,9 @@ __all__ = [
     "filter_reliability",
     "least_squares_model",
     "local_limit",
+    "phase_events",
+    "phase_model",
+    "phase_reliability",
+    "protection_events",
+    "reliability_events",
 ]
