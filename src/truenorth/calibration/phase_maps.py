@@ -6,9 +6,8 @@ stays where it is in the body frame. Residuals of the baselines from the referen
     r_i = M_i(direction) - M_0(direction) + noise,
 
 are gathered in cells of the sky. Only differences between antennas are seen, and only they matter; the maps
-are those whose sum over the antennas is zero. With the attitude and the body coordinates of the whole array
-the residuals are first taken against the vectors R l of the rigid array, which hide less of a map than
-baselines that may bend after it.
+are those whose sum over the antennas is zero. A rigid array and its clocks hide part of a map: rotations and
+clocks of every epoch are adjusted together with the maps, in turns.
 
 References: W. Wanninga and V. Frevert, "Carrier phase multipath calibration of GPS reference stations",
 Navigation 48 (2001); G. Wübbena et al., "Automated absolute field calibration of GPS antennas in real-time",
@@ -27,6 +26,12 @@ from ..observations import Observations
 from .phase_centres import attitude_of_rows, correct_phases, direction_in_antenna, directions_of_rows
 
 __all__ = ["PhaseMap", "map_residuals", "map_rows", "read_phase_maps"]
+
+PASSES = 12
+"""Turns of adjusting epochs and maps; more change a map by less than a tenth of its noise."""
+
+MAX_TIME_DIFFERENCE_NS = 100_000_000
+"""Between an epoch of a baseline and that of its attitude."""
 
 MIN_COUNT = 4
 """Residuals that a cell needs to be used."""
@@ -121,12 +126,12 @@ CSV_HEAD = (
 
 def map_residuals(
     baselines,
+    positions_body_m,
     time_ns,
     rot_ned_from_body,
     *,
     names,
-    positions_body_m=None,
-    azimuth_step_deg: float = 10.0,
+    azimuth_step_deg: float = 7.5,
     elevation_step_deg: float = 5.0,
 ) -> tuple[PhaseMap, ...]:
     """Maps of the antennas of an array from the residuals of its baselines.
@@ -135,15 +140,14 @@ def map_residuals(
     ----------
     baselines : sequence of BaselineSolution
         From the reference antenna to each other one, with residuals.
+    positions_body_m : ndarray, shape (m, 3)
+        Body coordinates, the reference first.
     time_ns : ndarray of int64, shape (n,)
         Epochs of the attitude.
     rot_ned_from_body : ndarray, shape (n, 3, 3)
         Attitude; NaN where there is none.
     names : sequence of str
-        Of the antennas, the reference first.
-    positions_body_m : ndarray, shape (m, 3), optional
-        Body coordinates: residuals are taken against the rigid array. Without them they are those of each
-        baseline by itself.
+        Of the antennas.
     azimuth_step_deg, elevation_step_deg : float
         Size of the cells, about.
 
@@ -154,51 +158,56 @@ def map_residuals(
 
     Raises
     ------
+    ConfigError
+        If the cells are too large.
     NoSolutionError
         If there are no residuals of accepted epochs with an attitude.
     """
     if not 0.0 < azimuth_step_deg <= 90.0 or not 0.0 < elevation_step_deg <= 45.0:
         raise ConfigError("the cells of a phase map are to be between 0 and 90 by 45 degrees", key="step")
     shape = (max(round(360.0 / azimuth_step_deg), 4), max(round(90.0 / elevation_step_deg), 2))
-    m = len(baselines) + 1
-    sums: dict[int, np.ndarray] = {}
-    for k, solution in enumerate(baselines):
-        band, cell, residual = _rows_in_body(
-            solution, time_ns, rot_ned_from_body, shape,
-            None if positions_body_m is None else positions_body_m[k + 1] - positions_body_m[0],
-        )  # fmt: skip
-        for value in np.unique(band):
-            table = sums.setdefault(int(value), np.zeros((m - 1, 3, shape[0] * shape[1])))
-            rows = band == value
-            for power in range(3):
-                weights = residual[rows] ** power
-                table[k, power] += np.bincount(cell[rows], weights, shape[0] * shape[1])
-    if not sums:
+    parts = [
+        _rows_in_body(solution, time_ns, rot_ned_from_body, shape, positions_body_m[k] - positions_body_m[0])
+        for k, solution in enumerate(baselines, start=1)
+    ]
+    if sum(len(part[0]) for part in parts) == 0:
         raise NoSolutionError(
             "could not map the residuals: no accepted epoch has both an attitude and phase residuals"
         )
+    baseline = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
+    epoch, clock, band, cell, residual, design = (
+        np.concatenate(columns) for columns in zip(*parts, strict=True)
+    )
+    bands, band = np.unique(band, return_inverse=True)
+    n_cells = shape[0] * shape[1]
+    slot = (baseline * len(bands) + band) * n_cells + cell
+    residual, counts = _adjust_maps(
+        residual, design, epoch, (clock, baseline), slot, len(parts) * len(bands) * n_cells
+    )
+    sums = np.stack([np.bincount(slot, residual**power, len(counts)) for power in range(3)], axis=1)
+    sums = sums.reshape(len(parts), len(bands), n_cells, 3)
     return tuple(
-        PhaseMap(name, band, *maps[a])
-        for band, maps in _split(sums, shape).items()
-        for a, name in enumerate(names)
+        PhaseMap(name, int(value), *maps)
+        for k, value in enumerate(bands)
+        for name, maps in zip(names, _split(sums[:, k], shape), strict=True)
     )
 
 
 def _rows_in_body(solution, time_ns, rot_ned_from_body, shape, body_m):
-    """Band, cell and residual of the integer phases of a baseline's accepted epochs."""
+    """Epoch, clock, band, cell, residual and design of the integer phases of a baseline's accepted epochs."""
     s = solution
     at = np.clip(np.searchsorted(time_ns, s.time_ns), 0, max(len(time_ns) - 1, 0))
     before = np.maximum(at - 1, 0)
     at = np.where(np.abs(time_ns[before] - s.time_ns) < np.abs(time_ns[at] - s.time_ns), before, at)
     known = s.is_accepted & np.isfinite(rot_ned_from_body[at, 0, 0])
-    known &= np.abs(time_ns[at] - s.time_ns) < 100_000_000
+    known &= np.abs(time_ns[at] - s.time_ns) < MAX_TIME_DIFFERENCE_NS
     rows = np.flatnonzero(
         known[s.residual_epoch]
         & np.isfinite(s.residual_m)
         & (np.isfinite(s.residual_integer_cyc) | s.residual_is_reference)
     )
-    epoch = s.residual_epoch[rows]
-    rot = rot_ned_from_body[at[epoch]]
+    own = s.residual_epoch[rows]
+    rot = rot_ned_from_body[at[own]]
     level = np.cos(s.residual_elevation_rad[rows])
     direction = np.stack(
         [
@@ -208,38 +217,67 @@ def _rows_in_body(solution, time_ns, rot_ned_from_body, shape, body_m):
         ],
         axis=1,
     )
-    residual = s.residual_m[rows].copy()
-    if body_m is not None:
-        ned_m = s.baseline_enu_m[epoch][:, [1, 0, 2]] * [1.0, 1.0, -1.0]
-        residual += np.einsum("ni,ni->n", direction, rot @ body_m - ned_m)
-    # Rows that share a clock: their mean says nothing of the sky.
-    group = (epoch * 10 + s.residual_sat[rows] // 100) * 1000 + s.residual_signal[rows]
-    _, number = np.unique(group, return_inverse=True)
-    count = np.bincount(number)
-    residual -= (np.bincount(number, residual) / np.maximum(count, 1))[number]
+    # Against the vector of the rigid array, which hides less of a map than a baseline that follows it.
+    ned_m = s.baseline_enu_m[own][:, [1, 0, 2]] * [1.0, 1.0, -1.0]
+    arm_m = rot @ body_m
+    residual = s.residual_m[rows] + np.einsum("ni,ni->n", direction, arm_m - ned_m)
+    # A turn p of the array changes -e.(R l) by -e.(p x R l) = -p.(R l x e).
+    design = -np.cross(arm_m, direction)
+    clock = (at[own] * 10 + s.residual_sat[rows] // 100) * 1000 + s.residual_signal[rows]
     azimuth, elevation = direction_in_antenna(rot, direction)
-    keep = (elevation > 0.0) & (count[number] > 2)
     column = np.minimum((azimuth / (2.0 * np.pi) * shape[0]).astype(int), shape[0] - 1)
     row = np.clip((elevation / (0.5 * np.pi) * shape[1]).astype(int), 0, shape[1] - 1)
-    return s.residual_signal[rows][keep] // 100, (column * shape[1] + row)[keep], residual[keep]
+    keep = elevation > 0.0
+    values = (at[own], clock, s.residual_signal[rows] // 100, column * shape[1] + row, residual, design)
+    return tuple(value[keep] for value in values)
 
 
-def _split(sums, shape):
-    """Maps of the antennas, whose sum is zero, from the sums of the baselines."""
-    found = {}
-    for band, table in sorted(sums.items()):
-        count, total, square = np.moveaxis(table, 1, 0)
-        enough = (count >= MIN_COUNT).all(0)
-        safe = np.maximum(count, 1.0)
-        mean = np.where(enough, total / safe, np.nan)
-        variance = np.where(enough, np.maximum(square / safe - (total / safe) ** 2, 0.0), np.nan)
-        reference = -mean.sum(0) / (len(mean) + 1)
-        means = np.vstack([reference, mean + reference])
-        # Half of the scatter of a difference is that of each antenna.
-        spread = np.sqrt(0.5 * np.vstack([variance.mean(0), variance]))
-        counts = np.vstack([count.min(0), count]).astype(np.int64)
-        found[band] = [tuple(x[a].reshape(shape) for x in (means, spread, counts)) for a in range(len(means))]
-    return found
+def _adjust_maps(residual, design, epoch, clock, slot, n_slots):
+    """Residuals less clocks and turns of their epochs, adjusted with the cells in turns; rows of each cell."""
+    _, clock = np.unique(np.stack(clock, axis=1), axis=0, return_inverse=True)
+    clock = clock.ravel()
+    _, epoch = np.unique(epoch, return_inverse=True)
+    per_clock = np.bincount(clock)
+    n_epochs = int(epoch.max()) + 1
+
+    def without_clock(values):
+        return values - (np.bincount(clock, values) / per_clock)[clock]
+
+    design = np.stack([without_clock(column) for column in design.T], axis=1)
+    normal = np.stack(
+        [np.bincount(epoch, design[:, i] * design[:, j], n_epochs) for i in range(3) for j in range(3)],
+        axis=1,
+    ).reshape(-1, 3, 3)
+    inverse = np.linalg.pinv(normal, rcond=1e-6, hermitian=True)
+    counts = np.bincount(slot, minlength=n_slots)
+    mean = np.zeros(n_slots)
+    free = residual
+    for _ in range(PASSES):
+        left = residual - mean[slot]
+        clocks = left - without_clock(left)
+        rhs = np.stack(
+            [np.bincount(epoch, column * (left - clocks), n_epochs) for column in design.T], axis=1
+        )
+        turn = np.einsum("nij,nj->ni", inverse, rhs)
+        turned = np.einsum("ni,ni->n", design, turn[epoch])
+        free = residual - clocks - turned
+        mean = np.bincount(slot, free, n_slots) / np.maximum(counts, 1)
+    return free, counts
+
+
+def _split(table, shape):
+    """Maps of the antennas, whose sum is zero, from sums of powers of the baselines' residuals."""
+    count, total, square = np.moveaxis(table, 2, 0)
+    enough = (count >= MIN_COUNT).all(0)
+    safe = np.maximum(count, 1.0)
+    mean = np.where(enough, total / safe, np.nan)
+    variance = np.where(enough, np.maximum(square / safe - (total / safe) ** 2, 0.0), np.nan)
+    reference = -mean.sum(0) / (len(mean) + 1)
+    means = np.vstack([reference, mean + reference])
+    # Half of the scatter of a difference is that of each antenna.
+    spread = np.sqrt(0.5 * np.vstack([variance.mean(0), variance]))
+    counts = np.vstack([count.min(0), count]).astype(np.int64)
+    return [tuple(x[a].reshape(shape) for x in (means, spread, counts)) for a in range(len(means))]
 
 
 def map_rows(observations: Observations, navigation, time_ns, rot_ned_from_body, maps) -> Observations:
