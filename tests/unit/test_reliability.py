@@ -14,6 +14,7 @@ from array_reliability_models import (
     make_epoch,
     make_vectors,
 )
+from truenorth.attitude.adjustment import without_antenna
 from truenorth.attitude.protection import ProtectionState, multiple_fault_risk, protection_level
 from truenorth.attitude.reliability import (
     Outcome,
@@ -30,7 +31,7 @@ from truenorth.attitude.reliability import (
     protection_events,
     reliability_events,
 )
-from truenorth.attitude.reliability.array_adaptation import fit_block, without_antenna
+from truenorth.attitude.reliability.array_adaptation import fit_block
 from truenorth.attitude.reliability.array_reliability import antenna_shapes
 from truenorth.attitude.vectors import angle_jacobian
 from truenorth.errors import ConfigError

@@ -12,13 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..adjustment import without_antenna
 from ..array_vectors import ArrayVectors, VectorBlock
 from ..vectors import array_extent_m, fit_rotation
 from .adaptation import Outcome, identify
 from .array_reliability import MIN_ACROSS_M
 from .settings import ReliabilitySettings
 
-__all__ = ["AttitudeAdaptation", "adapt_attitude", "fit_block", "without_antenna"]
+__all__ = ["AttitudeAdaptation", "adapt_attitude", "fit_block"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,40 +87,6 @@ def fit_block(block):
     )
     dof = 3 * len(block.antennas) - (2 if is_line else 3)
     return fit.rot_ned_from_body, fit.cov_ned_rad2, fit.chi2, dof
-
-
-def without_antenna(block, antenna):
-    """The same epochs without an antenna.
-
-    Parameters
-    ----------
-    block : VectorBlock
-        At least two vectors.
-    antenna : int
-        Which; the reference too, and then the first of the others takes its place.
-
-    Returns
-    -------
-    VectorBlock
-    """
-    k = len(block.antennas)
-    if antenna != block.reference:
-        keep = np.flatnonzero(block.antennas != antenna)
-        jump, reference = np.eye(k)[keep], block.reference
-    else:
-        keep, reference = np.arange(1, k), int(block.antennas[0])
-        jump = np.eye(k)[keep]
-        jump[:, 0] = -1.0
-    wide = np.kron(jump, np.eye(3))
-    return VectorBlock(
-        block.epochs,
-        block.antennas[keep],
-        reference,
-        jump @ block.vector_ned_m,
-        wide @ block.cov_ned_m2 @ wide.T,
-        jump @ block.body_m,
-        wide @ block.body_cov_m2 @ wide.T,
-    )
 
 
 def adapt_attitude(vectors, *, settings=None, is_used=None):
