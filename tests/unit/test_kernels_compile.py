@@ -43,10 +43,12 @@ _FACTORS = "ambiguity.lambda_ on a float solution and its covariance"
 _WRITING = "formats.write_rinex_observations"
 _FILTER = "attitude.filter.filter_attitude, over the vectors of an array"
 _ARRAYS = "ambiguity.exhaustive with several baselines at once"
+_JOINT = "ambiguity.joint.resolve_joint"
 UNUSED = {
     "attitude_filter.eliminate": _FILTER,
     "attitude_filter.estimate": _FILTER,
     "attitude_filter.filter_epochs": _FILTER,
+    "attitude_filter.information_volume": _FILTER,
     "attitude_filter.innovation_inverse": _FILTER,
     "attitude_filter.judge_antennas": _FILTER,
     "attitude_filter.linearise": _FILTER,
@@ -71,6 +73,24 @@ UNUSED = {
     "ils._first": _FACTORS,
     "ils.enumerate_within": _FACTORS,
     "ils.search_best": _FACTORS,
+    "joint_search.body_frame": _JOINT,
+    "joint_search.descend": _JOINT,
+    "joint_search.enumerate_shell": _JOINT,
+    "joint_search.invert_semidefinite": _JOINT,
+    "joint_search.is_near_rotation": _JOINT,
+    "joint_search.join": _JOINT,
+    "joint_search.join_extras": _JOINT,
+    "joint_search.list_baseline": _JOINT,
+    "joint_search.marginal_information": _JOINT,
+    "joint_search.minimise": _JOINT,
+    "joint_search.nearest_rotation": _JOINT,
+    "joint_search.prepare_subset": _JOINT,
+    "joint_search.prior_weight": _JOINT,
+    "joint_search.project_rows": _JOINT,
+    "joint_search.reduce_rows": _JOINT,
+    "joint_search.rotation_of_axes": _JOINT,
+    "joint_search.search_array": _JOINT,
+    "joint_search.sort_by_cost": _JOINT,
     "ldl.ldl_factor": _FACTORS,
     "ldl.reduce_": "the readable twin of `ldl.decorrelate`, compared with it in the tests",
     "orbits.interpolate_orbits": "orbits.precise, from SP3",
