@@ -15,9 +15,9 @@ from array_reliability_models import (
     make_vectors,
 )
 from truenorth.attitude.adjustment import without_antenna
-from truenorth.attitude.protection import ProtectionState, multiple_fault_risk, protection_level
 from truenorth.attitude.reliability import (
     Outcome,
+    ProtectionState,
     ReliabilitySettings,
     adapt_attitude,
     adapt_model,
@@ -26,9 +26,11 @@ from truenorth.attitude.reliability import (
     filter_model,
     filter_reliability,
     least_squares_model,
+    multiple_fault_risk,
     phase_events,
     phase_reliability,
     protection_events,
+    protection_level,
     reliability_events,
 )
 from truenorth.attitude.reliability.array_adaptation import fit_block

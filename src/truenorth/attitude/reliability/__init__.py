@@ -6,6 +6,7 @@ from .array_reliability import AttitudeReliability, attitude_reliability, filter
 from .events import adaptation_events, phase_events, protection_events, reliability_events
 from .linear import FaultShape, LinearModel, filter_model, least_squares_model
 from .phase_reliability import PhaseReliability, phase_model, phase_reliability
+from .protection import ProtectionState, multiple_fault_risk, protection_level
 from .settings import ReliabilitySettings
 from .significance import b_method_limit, b_method_significance, detectable_shift, local_limit
 
@@ -17,6 +18,7 @@ __all__ = [
     "LinearModel",
     "Outcome",
     "PhaseReliability",
+    "ProtectionState",
     "ReliabilitySettings",
     "adapt_attitude",
     "adapt_model",
@@ -29,9 +31,11 @@ __all__ = [
     "filter_reliability",
     "least_squares_model",
     "local_limit",
+    "multiple_fault_risk",
     "phase_events",
     "phase_model",
     "phase_reliability",
     "protection_events",
+    "protection_level",
     "reliability_events",
 ]

@@ -24,9 +24,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...rotations import skew
-from ..protection import ProtectionState, protection_level
 from ..vectors import angle_jacobian, array_extent_m, total_covariance
 from .linear import filter_model, least_squares_model
+from .protection import ProtectionState, protection_level
 from .settings import ReliabilitySettings
 
 __all__ = [
@@ -87,7 +87,7 @@ class AttitudeReliability:
         Protection levels at `ReliabilitySettings.integrity_risk`, for epochs that pass the tests; infinite
         where there is none.
     protection_state : ndarray of uint8, shape (n, 3)
-        Codes of `truenorth.attitude.protection.ProtectionState`.
+        Codes of `truenorth.attitude.reliability.ProtectionState`.
     wrong_integer_risk : ndarray, shape (n,)
         The probability of wrong integers that the levels allow for.
     """

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..protection import PROTECTION_SENTENCES, ProtectionState
 from ..solution import EpochEvent
 from .adaptation import Outcome
+from .protection import PROTECTION_SENTENCES, ProtectionState
 
 __all__ = ["adaptation_events", "phase_events", "protection_events", "reliability_events"]
 

@@ -30,9 +30,9 @@ import numpy as np
 
 from ...errors import ConfigError
 from ...rotations import skew
-from ..protection import protection_level
 from ..vectors import angle_jacobian
 from .linear import LinearModel
+from .protection import protection_level
 from .settings import ReliabilitySettings
 
 __all__ = ["PhaseReliability", "phase_model", "phase_reliability"]
@@ -72,7 +72,7 @@ class PhaseReliability:
     protection_rad : ndarray, shape (3,)
         Protection levels with each antenna, and each satellite and signal, at fault in turn.
     protection_state : ndarray of uint8, shape (3,)
-        Codes of `truenorth.attitude.protection.ProtectionState`.
+        Codes of `truenorth.attitude.reliability.ProtectionState`.
     """
 
     stage: str

@@ -26,7 +26,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from .reliability.significance import normal_tail, normal_tail_quantile
+from .significance import normal_tail, normal_tail_quantile
 
 __all__ = ["PROTECTION_SENTENCES", "ProtectionState", "multiple_fault_risk", "protection_level"]
 
