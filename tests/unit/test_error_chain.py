@@ -172,9 +172,10 @@ def test_one_bad_coordinate_spoils_the_angle_that_rests_on_it():
         body_m @ rot_213(*ATTITUDE), sd_m[:, :, None] ** 2 * np.eye(9), body_m, np.zeros((9, 9))
     )
     roll, pitch, yaw = found.sd_rad.T
-    assert yaw[2] > 1.5 * yaw[0]
+    assert yaw[2] > 4.0 * yaw[0]
     assert abs(pitch[2] / pitch[0] - 1.0) < 0.05
-    assert abs(roll[2] / roll[0] - 1.0) < 0.05
+    # "A small rise": 5 % where the yaw grows fivefold.
+    assert 0.0 < roll[2] / roll[0] - 1.0 < 0.1
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,8 @@ References
 K. Landfahrer, "Attitude determination using a GPS multi antenna array", Graz University of Technology
 (2009); C. Wang, G. Lachapelle, "GPS attitude determination reliability performance improvement using low
 cost receivers", Journal of Global Positioning Systems 1 (2002); F. L. Markley, "Attitude determination using
-vector observations and the singular value decomposition", J. Astronautical Sciences 36 (1988).
+vector observations and the singular value decomposition", J. Astronautical Sciences 36 (1988); A. J. Pope, "Some pitfalls to be avoided
+in the iterative adjustment of nonlinear problems", American Society of Photogrammetry (1972).
 """
 
 from __future__ import annotations
@@ -229,7 +230,9 @@ def implicit_least_squares(vector_ned_m, cov_ned_m2, body_m, *, body_cov_m2=None
     """Heading, pitch and roll from w = M b - l = 0 (Wang & Lachapelle 2002; conditions in the body frame).
 
     The covariance of w is M C M^T, to which the printed form adds nothing; that of the body coordinates is
-    added here where it is known. Singular where the nose points straight up or down, as angles are.
+    added here where it is known. The derivatives are taken at the fitted vectors, not at the measured ones,
+    without which the estimate would be biased (Pope 1972). Singular where the nose points straight up or
+    down, as angles are.
 
     Parameters
     ----------
@@ -258,11 +261,11 @@ def implicit_least_squares(vector_ned_m, cov_ned_m2, body_m, *, body_cov_m2=None
     for _ in range(MAX_STEPS):
         rot = rot_ned_from_body(*angle[live].T)
         down = np.swapaxes(rot, 1, 2)
-        measured = vector_ned_m[live]
-        w = (np.einsum("nij,nkj->nki", down, measured) - body_m).reshape(-1, 3 * k, 1)
-        # A small turn p of the attitude changes M b by M (b x p).
+        w = (np.einsum("nij,nkj->nki", down, vector_ned_m[live]) - body_m).reshape(-1, 3 * k, 1)
+        # A small turn p of the attitude changes M b by M (b x p), taken at the fitted b.
         axes = np.linalg.inv(angle_jacobian(rot))
-        design = (down[:, None] @ skew(measured) @ axes[:, None]).reshape(-1, 3 * k, 3)
+        fitted = np.einsum("nij,kj->nki", rot, body_m)
+        design = (down[:, None] @ skew(fitted) @ axes[:, None]).reshape(-1, 3 * k, 3)
         cov_w = turned_covariance(cov_ned_m2[live], down) + body_cov_m2
         upside = np.swapaxes(np.linalg.solve(cov_w, design), 1, 2)
         cov[live] = np.linalg.inv(upside @ design)

@@ -362,8 +362,8 @@ def _settle_mirror_images(block, free_axis_body, method, solution, reason):
     other = _adjust(some, free_axis_body, start)
     turn = np.swapaxes(first.rot_ned_from_body, 1, 2) @ other.rot_ned_from_body
     moved = np.sqrt(np.sum((turn @ block.body_m.T - block.body_m.T) ** 2, axis=(1, 2)))
-    is_other = other.is_converged & (moved > 1e-4 * extent_m)
-    better = is_other & (other.chi2 < first.chi2)
+    is_other = moved > 1e-4 * extent_m
+    better = is_other & other.is_converged & (other.chi2 < first.chi2)
     ambiguous = is_other & (np.abs(other.chi2 - first.chi2) < CLEARLY_WORSE)
     if method == "adjustment":
         at = weak[better]
@@ -377,7 +377,8 @@ def _settle_mirror_images(block, free_axis_body, method, solution, reason):
     if free_axis_body is not None:
         across = np.eye(3) - np.einsum("ni,nj->nij", *2 * [rot[weak] @ free_axis_body])
         turns = across @ turns @ across
-    unknown = np.linalg.eigvalsh(turns)[:, 2] > MAX_SD_RAD**2
+    # Near the level the normal equations of a tilt that is not measured lead nowhere.
+    unknown = ~(first.is_converged | better) | (np.linalg.eigvalsh(turns)[:, 2] > MAX_SD_RAD**2)
     reason[weak[unknown]] = Reason.WEAK_GEOMETRY
 
 
