@@ -233,7 +233,7 @@ def _rows_in_body(solution, time_ns, rot_ned_from_body, shape, body_m):
 
 
 def _adjust_maps(residual, design, epoch, clock, slot, n_slots):
-    """Residuals less clocks and turns of their epochs, adjusted with the cells in turns; rows of each cell."""
+    """Residuals less clocks and turns of their epochs, adjusted with the cells in turns; rows per cell."""
     _, clock = np.unique(np.stack(clock, axis=1), axis=0, return_inverse=True)
     clock = clock.ravel()
     _, epoch = np.unique(epoch, return_inverse=True)
