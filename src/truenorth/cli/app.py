@@ -219,6 +219,30 @@ def _plan(
     along: Annotated[
         float | None, typer.Option(help="Where on the scenario's route, metres, for its obstructions.")
     ] = None,
+    sweep: Annotated[
+        str | None, typer.Option(help="error, coordinate or length: a sweep, Landfahrer 3.9 and 3.10.")
+    ] = None,
+    require_heading: Annotated[
+        float | None, typer.Option("--require-heading-deg", help="Demanded sigma: what does it take?")
+    ] = None,
+    require_pitch: Annotated[float | None, typer.Option("--require-pitch-deg", help="The same.")] = None,
+    require_roll: Annotated[float | None, typer.Option("--require-roll-deg", help="The same.")] = None,
+    place: Annotated[
+        list[str] | None, typer.Option(metavar="X,Y,Z", help="Try one more antenna here. Repeat it.")
+    ] = None,
+    place_box: Annotated[
+        str | None, typer.Option(metavar="X0,Y0,Z0,X1,Y1,Z1", help="Or anywhere in this box.")
+    ] = None,
+    grid: Annotated[float, typer.Option(help="Metres between the points of the box.")] = 0.25,
+    criterion: Annotated[
+        str, typer.Option(help="What it shall make small: heading, pitch, roll, trace.")
+    ] = "trace",
+    at: Annotated[str, typer.Option(help="Epoch that counts: median, p95, worst.")] = "p95",
+    draws: Annotated[int, typer.Option(help="Draws of the joint search, at eight epochs; 0 for none.")] = 0,
+    error: Annotated[float | None, typer.Option(help="Sweeps: metres of what is held.")] = None,
+    coordinate: Annotated[
+        str | None, typer.Option(metavar="N,AXIS", help="Sweeps: antenna from 1, and north, east or up.")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Table: .csv or .parquet.")] = None,
     figure: Annotated[Path | None, typer.Option(help="Figure: .png, .pdf or .svg.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
@@ -230,6 +254,16 @@ def _plan(
         source,
         antenna=antenna or [],
         noise=noise,
+        sweep=sweep,
+        require={"heading": require_heading, "pitch": require_pitch, "roll": require_roll},
+        place=place or [],
+        place_box=place_box,
+        grid_m=grid,
+        criterion=criterion,
+        at=at,
+        draws=draws,
+        error_m=error,
+        coordinate=coordinate,
         out=out,
         figure=figure,
         as_json=as_json,

@@ -3,10 +3,21 @@
 import importlib
 
 _PUBLIC = {
+    "JointSuccess": "joint_success",
+    "Placement": "placement",
     "Plan": "plan",
     "PlanSettings": "settings",
+    "Requirement": "requirements",
+    "Sweep": "sweeps",
+    "box_points": "placement",
+    "draw_joint_success": "joint_success",
+    "place_antenna": "placement",
     "plan_array": "plan",
     "plan_settings": "settings",
+    "requirement": "requirements",
+    "sweep_coordinate": "sweeps",
+    "sweep_error": "sweeps",
+    "sweep_length": "sweeps",
     "white_noise": "settings",
 }
 """Public name and the module that holds it; loaded on first use."""

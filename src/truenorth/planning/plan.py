@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..ambiguity.array_model import ArrayEpoch
 from ..config import Session
 from ..constants import SYSTEMS
 from ..frames import azimuth_elevation_from_enu
@@ -16,7 +17,7 @@ from ..rotations import rot_ned_from_body
 from ..simulation.scenario import Scenario
 from ..timescales import format_gpst, gpst_to_datetime64
 from .precision import array_precision, vector_information
-from .reliability import PhaseReliability, phase_reliability
+from .reliability import DayReliability, day_reliability
 from .resolution import baseline_success
 from .settings import PlanSettings, plan_settings
 from .view import SkyView, sky_view
@@ -50,7 +51,7 @@ class Plan:
         Double differences of one baseline.
     pdop, azimuth_dop, elevation_dop : ndarray, shape (n,)
         Dilutions of the longest baseline for undifferenced noise of 1 (Wang & Lachapelle 2002).
-    reliability : PhaseReliability
+    reliability : DayReliability
         Minimal detectable blunders of the phases and their effect.
     """
 
@@ -65,7 +66,7 @@ class Plan:
     pdop: np.ndarray
     azimuth_dop: np.ndarray
     elevation_dop: np.ndarray
-    reliability: PhaseReliability
+    reliability: DayReliability
 
     @property
     def time_ns(self) -> np.ndarray:
@@ -84,9 +85,50 @@ class Plan:
             return np.sqrt(np.einsum("nii->ni", self.cov_rad2))
 
     @property
+    def angles_rad(self) -> tuple[float, float, float]:
+        """Tuple of float: heading, pitch and roll at which the platform stands."""
+        return _angles_rad(self.settings)
+
+    @property
     def longest_baseline(self) -> tuple[int, int]:
         """Tuple of int: the two antennas furthest apart."""
         return _longest(np.array(self.settings.antennas))
+
+    def array_epoch(self, epoch: int) -> ArrayEpoch:
+        """Rows of all antennas at an epoch without noise or integers, e.g. for `phase_reliability`.
+
+        Parameters
+        ----------
+        epoch : int
+            Which epoch.
+
+        Returns
+        -------
+        ArrayEpoch
+            Sorted by group, satellite and antenna; rows whose phase counts.
+        """
+        view, k = self.view, len(self.settings.antennas)
+        rows = view.rows(epoch)
+        use = np.flatnonzero(view.has_integers[rows]) + rows.start
+        use = use[np.lexsort((view.satellite[use], view.group[use]))]
+        positions_m = np.array(self.settings.antennas, dtype=float)
+        antenna = np.tile(np.arange(k), len(use))
+        row = np.repeat(use, k)
+        ned_m = positions_m @ rot_ned_from_body(*self.angles_rad).T
+        range_m = -np.einsum("ri,ri->r", view.line_of_sight_ned[row], ned_m[antenna])
+        return ArrayEpoch(
+            antenna=antenna,
+            satellite=np.repeat(np.arange(len(use)), k),
+            group=np.unique(view.group[row], return_inverse=True)[1].astype(np.int64),
+            phase_m=range_m,
+            code_m=range_m.copy(),
+            design_ned=-view.line_of_sight_ned[row],
+            wavelength_m=view.wavelength_m[row],
+            phase_variance_m2=view.phase_variance_m2[row],
+            code_variance_m2=view.code_variance_m2[row],
+            positions_body_m=positions_m,
+            position_sd_m=self.settings.position_sd_m,
+        )
 
     def columns(self) -> dict[str, np.ndarray]:
         """Table of the plan, one row an epoch: name of the column and its values."""
@@ -226,7 +268,7 @@ def plan_array(
     settings = source if isinstance(source, PlanSettings) and not changes else _settings(source, changes)
     view = sky_view(settings)
     positions_m = np.array(settings.antennas, dtype=float)
-    angles_rad = tuple(np.radians([settings.heading_deg, settings.pitch_deg, settings.roll_deg]).tolist())
+    angles_rad = _angles_rad(settings)
     weight = np.where(view.has_integers, 1.0 / view.phase_variance_m2, 0.0)
     information = vector_information(view, weight)
     precision = array_precision(information, positions_m, angles_rad, position_sd_m=settings.position_sd_m)
@@ -244,7 +286,15 @@ def plan_array(
         pdop=dops.pdop,
         azimuth_dop=dops.azimuth_dop,
         elevation_dop=dops.elevation_dop,
-        reliability=phase_reliability(view, weight, precision, positions_m, angles_rad),
+        reliability=day_reliability(
+            view,
+            weight,
+            information,
+            precision,
+            positions_m,
+            angles_rad,
+            position_sd_m=settings.position_sd_m,
+        ),
     )
 
 
@@ -255,6 +305,11 @@ def _settings(source: Any, changes: dict[str, Any]) -> PlanSettings:
 
         source, changes = None, {**msgspec.structs.asdict(source), **changes}
     return plan_settings(source, **changes)
+
+
+def _angles_rad(settings: PlanSettings) -> tuple[float, float, float]:
+    heading, pitch, roll = (settings.heading_deg, settings.pitch_deg, settings.roll_deg)
+    return float(np.radians(heading)), float(np.radians(pitch)), float(np.radians(roll))
 
 
 def _longest(positions_m: np.ndarray) -> tuple[int, int]:

@@ -31,7 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..attitude.adjustment import MIN_ACROSS_M
+from ..attitude.vector_methods import MIN_ACROSS_M
 from ..attitude.vectors import array_extent_m
 from ..rotations import rot_ned_from_body, skew
 from .view import SkyView

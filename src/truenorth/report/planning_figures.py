@@ -12,7 +12,15 @@ from ..timescales import format_gpst, gpst_to_datetime64
 from .files import STATIC_SUFFIXES
 from .style import SYSTEM_COLORS
 
-__all__ = ["ANGLE_COLORS", "check_plan_figure_path", "plan_figure", "rates_figure", "save_plan_figure"]
+__all__ = [
+    "ANGLE_COLORS",
+    "check_plan_figure_path",
+    "placement_figure",
+    "plan_figure",
+    "rates_figure",
+    "save_plan_figure",
+    "sweep_figure",
+]
 
 ANGLE_COLORS = {"heading": "#0072B2", "pitch": "#D55E00", "roll": "#009E73"}
 """Of the same palette as everything else."""
@@ -217,6 +225,121 @@ def _time_axis(ax, plan):
         ax.set_xlim(time[0], time[-1])
 
 
+def sweep_figure(sweeps):
+    """One panel a sweep: standard deviations of the angles on logarithmic scales.
+
+    Parameters
+    ----------
+    sweeps : sequence of truenorth.planning.Sweep
+        What to draw, side by side.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Call its ``savefig``.
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from matplotlib.ticker import FuncFormatter
+
+    figure = Figure(figsize=(max(6.4, 5.2 * len(sweeps)), 5.0), dpi=120, layout="constrained")
+    axes = figure.subplots(1, len(sweeps), sharey=True, squeeze=False)[0]
+    plain = FuncFormatter(lambda value, _: f"{value:g}")
+    methods = list(dict.fromkeys(method for sweep in sweeps for method in sweep.curves_deg))
+    styles = dict(zip(methods, ("-", "--", ":"), strict=False))
+    for ax, sweep in zip(axes, sweeps, strict=True):
+        for method, curve in sweep.curves_deg.items():
+            # Where curves coincide, the wider one below shows on both sides of the other.
+            for k, (_, color) in enumerate(ANGLE_COLORS.items()):
+                width = (3.4, 2.2, 1.2)[k] if styles[method] == "-" else 1.4
+                ax.plot(sweep.x, curve[:, k], styles[method], color=color, linewidth=width)
+        ax.set_xscale("log")
+        ax.set_yscale("log")
+        ax.xaxis.set_major_formatter(plain)
+        ax.yaxis.set_major_formatter(plain)
+        ax.set_xlabel(sweep.label)
+        ax.set_title(sweep.title.replace(", ", ",\n", 1), fontsize="medium")
+        ax.grid(alpha=0.3, which="both")
+    axes[0].set_ylabel("sigma, deg")
+    handles = [Line2D([], [], color=color, label=name) for name, color in ANGLE_COLORS.items()]
+    handles += [Line2D([], [], color="0.3", linestyle=styles[method], label=method) for method in methods]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
+    return figure
+
+
+def placement_figure(plan, placement):
+    """One page: where one more antenna helps, seen from above; with height; and the angles before and after.
+
+    Parameters
+    ----------
+    plan : truenorth.planning.Plan
+        The array without it.
+    placement : truenorth.planning.Placement
+        The candidates.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Call its ``savefig``.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12.0, 4.6), dpi=120, layout="constrained")
+    above, beside, after = figure.subplots(1, 3, width_ratios=(1.25, 1.0, 1.0))
+    point = placement.point_body_m
+    antennas = np.array(plan.settings.antennas)
+    good = np.isfinite(placement.value_deg)
+    # The best are drawn last, on top of the heights above and below them.
+    order = np.flatnonzero(good)[::-1]
+    shown = above.scatter(
+        point[order, 1],
+        point[order, 0],
+        c=placement.value_deg[order],
+        cmap="viridis_r",
+        s=28,
+        marker="s",
+    )
+    above.plot(antennas[:, 1], antennas[:, 0], "^", color="black", markersize=9, label="array")
+    best = placement.best_body_m
+    above.plot(best[1], best[0], "*", color="#D55E00", markersize=16, label="best")
+    above.set_aspect("equal", adjustable="datalim")
+    above.set_xlabel("right, m")
+    above.set_ylabel("forward, m")
+    above.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, 1.12), ncols=2, frameon=False)
+    figure.colorbar(shown, ax=above, label=f"{placement.criterion} sigma, deg")
+    heights = np.unique(-point[good, 2])
+    least = [placement.value_deg[good][-point[good, 2] == height].min() for height in heights]
+    beside.plot(least, heights, ".-", color="#0072B2")
+    beside.set_xlabel(f"least {placement.criterion} sigma, deg")
+    beside.set_ylabel("height above the origin, m")
+    if len(heights) == 1:
+        beside.set_ylim(heights[0] - 1.0, heights[0] + 1.0)
+    beside.grid(alpha=0.3)
+    in_plane = np.flatnonzero(placement.is_in_plane)
+    cases = [("without", placement.before_deg, "0.6")]
+    if len(in_plane) and in_plane[0] != 0:
+        cases.append(("best in plane", placement.sd_deg[in_plane[0]], "#56B4E9"))
+    cases.append(("best", placement.sd_deg[0], "#D55E00"))
+    width = 0.8 / len(cases)
+    for k, (label, values, color) in enumerate(cases):
+        place = np.arange(3) + (k - 0.5 * (len(cases) - 1)) * width
+        after.bar(place, np.nan_to_num(values), width=0.92 * width, color=color, label=label)
+        for x, value in zip(place, values, strict=True):
+            word = f"{value:.2g}" if np.isfinite(value) else "none"
+            after.annotate(
+                word, (x, value if np.isfinite(value) else 0.0), ha="center", va="bottom", fontsize="small"
+            )
+    after.set_xticks(range(3), list(ANGLE_COLORS))
+    after.set_ylabel(f"sigma ({placement.at} epoch), deg")
+    after.margins(y=0.12)
+    after.grid(alpha=0.3, axis="y")
+    after.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, 1.12), ncols=3, frameon=False)
+    figure.suptitle(
+        f"One more antenna for the least {placement.criterion}", fontsize="large", fontweight="bold"
+    )
+    return figure
+
+
 def rates_figure(study):
     """One page: satellites, status at each rate, errors where there is a reference, and time to re-fix.
 
@@ -337,7 +460,10 @@ def _plot_errors(study, ax, start_ns, k, colors, order):
         good = comparison.is_accepted
         error_deg = np.degrees(comparison.error_rad[good, k])
         time_s = (comparison.time_ns[good] - start_ns) * 1e-9
-        ax.plot(time_s, error_deg, ".", markersize=2.0, color=colors[number])
+        size = 1.5 + 2.5 * float(
+            np.searchsorted([-study.results[j].rate_hz for j in order], -study.results[number].rate_hz)
+        ) / max(len(order) - 1, 1)
+        ax.plot(time_s, error_deg, ".", markersize=size, color=colors[number])
         largest.append(np.quantile(np.abs(error_deg), 0.998) if len(error_deg) else 0.0)
     limit = 1.25 * max(largest) if max(largest) > 0.0 else 1.0
     ax.set_ylim(-limit, limit)
