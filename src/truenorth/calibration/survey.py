@@ -7,8 +7,8 @@ is fixed by a rule (`truenorth.calibration.body_frame`), and what comes out is c
 The covariance is not that of white noise. Of the contributions u_k of the epochs, which the adjustment gives,
 the variance of each coordinate is measured, and increased by their correlation in time, pooled over the
 coordinates (`truenorth.calibration.correlation`): multipath of a minute makes a minute count as one epoch. An
-error that stays alike through the whole run, such as that of a phase centre, shows in no residual; a run
-at rest says least about it.
+error that stays alike through the whole run, such as that of a phase centre or of a ray that the platform
+mirrors, shows in no residual; what is allowed for it is added, and said.
 """
 
 from __future__ import annotations
@@ -72,6 +72,10 @@ class ArrayCalibration:
         Forward, right, down; metres.
     cov_body_m2 : ndarray, shape (3 m, 3 m)
         Their joint covariance under the rule; what the rule fixes has none.
+    scatter_sd_m : ndarray, shape (m, 3)
+        Standard deviations by the scatter of the run alone.
+    common_sd_m : float
+        What was added for errors that stay alike through the run, each coordinate.
     rule : str
         ``declared`` or ``axes``, see `calibrate_array`.
     rule_text : str
@@ -107,6 +111,8 @@ class ArrayCalibration:
     names: tuple[str, ...]
     positions_body_m: np.ndarray
     cov_body_m2: np.ndarray
+    scatter_sd_m: np.ndarray
+    common_sd_m: float
     rule: str
     rule_text: str
     is_static: bool
@@ -136,6 +142,8 @@ class ArrayCalibration:
             "positions_body_m": self.positions_body_m.tolist(),
             "sd_body_m": self.sd_body_m.tolist(),
             "cov_body_m2": self.cov_body_m2.tolist(),
+            "scatter_sd_m": self.scatter_sd_m.tolist(),
+            "common_sd_m": self.common_sd_m,
             "rule": self.rule,
             "rule_text": self.rule_text,
             "at_rest": self.is_static,
@@ -169,6 +177,7 @@ def calibrate_array(
     rule: Literal["auto", "declared", "axes"] = "auto",
     axes: tuple[int, ...] | None = None,
     correlation_s: float | None = None,
+    common_sd_m: float = 0.001,
     significance: float = 1e-3,
 ) -> ArrayCalibration:
     """Measure the body coordinates of the antennas of a rigid array with its own phases.
@@ -193,6 +202,9 @@ def calibrate_array(
         Three antennas for ``"axes"``; the first three, by default.
     correlation_s : float, optional
         Time in which errors fall to 1/e, at least; what the run shows is used where it is longer.
+    common_sd_m : float
+        Standard deviation of what stays alike through the whole run, each coordinate of each antenna: phase
+        centres, and rays that the platform itself mirrors. It is added to what the scatter shows.
     significance : float
         False-alarm rate of the test of the declared coordinates.
 
@@ -216,7 +228,12 @@ def calibrate_array(
     names = vectors.names or tuple(f"antenna {k}" for k in range(m))
     if rule == "auto":
         rule = "axes" if declared_m is None else "declared"
-    _check_options(rule, declared_m, declared_sd_m, axes, correlation_s, significance, m)
+    options = {
+        "declared_sd_m": declared_sd_m,
+        "correlation_s": correlation_s or 0.0,
+        "common_sd_m": common_sd_m,
+    }
+    _check_options(rule, declared_m, options, axes, significance, m)
     n_epochs = int(np.count_nonzero(vectors.is_present.any(1)))
     if n_epochs < MIN_EPOCHS:
         raise NoSolutionError(
@@ -254,6 +271,7 @@ def calibrate_array(
         rot, shift = best_fit(fit.positions_m, declared_m)
         if not fit.is_line:
             found, turned = _moved(fit.positions_m, inverse, influence, rot, shift, inflation)
+            turned = turned + common_sd_m**2 * np.eye(3 * m)
             check = check_declared(found, turned, declared_m, declared_sd_m, names, significance=significance)
             weight = np.where(check.is_wrong, 0.0, 1.0)
             rot, shift = best_fit(fit.positions_m, declared_m, weight)
@@ -273,6 +291,11 @@ def calibrate_array(
     positions_m, cov_m2 = _moved(
         fit.positions_m, inverse, influence, rot, shift, inflation, constraint=constraint
     )
+    seen = fit.free @ fit.free.T if fit.is_line else np.eye(3 * m)
+    change = s_transformation(positions_m, constraint) @ np.kron(np.eye(m), rot)
+    common = common_sd_m**2 * change @ seen @ change.T
+    scatter_sd_m = np.sqrt(np.maximum(np.diag(cov_m2), 0.0)).reshape(-1, 3)
+    cov_m2 = cov_m2 + common
     if check is not None:
         check = check.in_frame(positions_m, cov_m2)
     elif rule == "declared" and fit.is_line:
@@ -287,6 +310,8 @@ def calibrate_array(
         names=tuple(names),
         positions_body_m=positions_m,
         cov_body_m2=cov_m2,
+        scatter_sd_m=scatter_sd_m,
+        common_sd_m=common_sd_m,
         rule=rule,
         rule_text=rule_text,
         is_static=is_static,
@@ -306,7 +331,7 @@ def calibrate_array(
     )
 
 
-def _check_options(rule, declared_m, declared_sd_m, axes, correlation_s, significance, m):
+def _check_options(rule, declared_m, options, axes, significance, m):
     def refuse(key, value, wanted):
         raise ConfigError(f"`{key}` is {value!r}; give {wanted}", key=key, value=value)
 
@@ -316,14 +341,13 @@ def _check_options(rule, declared_m, declared_sd_m, axes, correlation_s, signifi
         refuse("rule", rule, "`declared_m` with it, or the rule axes")
     if declared_m is not None and np.shape(declared_m) != (m, 3):
         refuse("declared_m", np.shape(declared_m), f"three coordinates for each of {m} antennas")
-    if not declared_sd_m >= 0.0:
-        refuse("declared_sd_m", declared_sd_m, "0 or more")
+    for key, value in options.items():
+        if not value >= 0.0:
+            refuse(key, value, "0 or more")
     if axes is not None and (
         len(set(axes)) != len(axes) or len(axes) not in (2, 3) or not set(axes) <= set(range(m))
     ):
         refuse("axes", axes, f"three different antennas among 0 to {m - 1}")
-    if correlation_s is not None and not correlation_s >= 0.0:
-        refuse("correlation_s", correlation_s, "0 or more seconds")
     if not 0.0 < significance < 1.0:
         refuse("significance", significance, "a share between 0 and 1")
 

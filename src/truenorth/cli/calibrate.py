@@ -40,6 +40,9 @@ def _array(
     correlation: Annotated[
         float | None, typer.Option(help="Seconds over which errors stay alike, at least.")
     ] = None,
+    common_sd: Annotated[
+        float, typer.Option(help="Of errors that stay alike through the run (phase centres), metres.")
+    ] = 0.001,
     assign: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="A setting, as for `solve`.")
     ] = None,
@@ -58,6 +61,7 @@ def _array(
         axes=None if axes is None else tuple(name.strip() for name in axes.split(",")),
         moving=moving,
         correlation_s=correlation,
+        common_sd_m=common_sd,
         as_json=as_json,
     )
 
@@ -73,6 +77,7 @@ def calibrate_session(
     axes: tuple[str, ...] | None = None,
     moving: bool | None = None,
     correlation_s: float | None = None,
+    common_sd_m: float = 0.001,
     as_json: bool = False,
 ) -> int:
     """Survey the antennas of a session, tell the outcome and write a session with it.
@@ -85,7 +90,7 @@ def calibrate_session(
         Session file to write.
     lengths, length_sd_m
         As for `truenorth.calibration.survey_session`.
-    declared_sd_m, rule, moving, correlation_s
+    declared_sd_m, rule, moving, correlation_s, common_sd_m
         As for `truenorth.calibration.calibrate_array`.
     axes : tuple of str, optional
         Names of the antennas that give the axes.
@@ -139,6 +144,7 @@ def calibrate_session(
             rule=rule if known else "axes",  # type: ignore[arg-type]
             axes=chosen,
             correlation_s=correlation_s,
+            common_sd_m=common_sd_m,
         )
     if out is not None:
         text = session_with(session, calibration).to_toml(folder=out.parent)

@@ -49,6 +49,11 @@ def array_calibration_text(calibration) -> str:
                 + f"  {check.verdict(k)}"
             )
         lines.append(row)
+    if c.common_sd_m > 0.0:
+        lines.append(
+            f"{'':<{width}}  sd: scatter of the run, up to {1e3 * c.scatter_sd_m.max():.2f} mm, and "
+            f"{1e3 * c.common_sd_m:.1f} mm for what stays alike through it"
+        )
     lines += ["", f"{'distance':<{2 * width + 3}} {'m':>9} {'sd (mm)':>8}"]
     has_declared = not any(np.isnan(pair.declared_m) for pair in c.distances)
     if has_declared:
