@@ -14,6 +14,7 @@ import numpy as np
 from ..ambiguity.acceptance import chi2_limits
 from ..errors import Reason
 from .array_vectors import ArrayVectors, VectorBlock
+from .geometry_checks import GeometryChecks, GeometryCheckSettings, check_geometry
 from .solution import EpochEvent
 from .vector_methods import CLEARLY_WORSE, AttitudeFit, solve_block
 from .vectors import shared_reference_covariance
@@ -80,6 +81,8 @@ class AdjustedVectors:
         Test of all vectors against the body coordinates, before any was left out, and its limit.
     events : tuple of EpochEvent
         When antennas were left out and came back, with the statistic that decided.
+    checks : GeometryChecks or None
+        What the lengths, angles and signs said, where they were asked.
     """
 
     fit: AttitudeFit
@@ -87,6 +90,7 @@ class AdjustedVectors:
     chi2: np.ndarray
     chi2_limit: np.ndarray
     events: tuple[EpochEvent, ...] = ()
+    checks: GeometryChecks | None = None
 
 
 def adjust_vectors(
@@ -95,6 +99,7 @@ def adjust_vectors(
     is_used: np.ndarray | None = None,
     false_alarm: float = 1e-4,
     blame_reference: bool = True,
+    checks: GeometryCheckSettings | None = None,
 ) -> AdjustedVectors:
     """Attitude by weighted least squares, without the antennas that contradict the others.
 
@@ -108,15 +113,26 @@ def adjust_vectors(
         Share of right epochs that fail the chi-square test.
     blame_reference : bool
         Whether the antenna from which all vectors run may be the wrong one.
+    checks : GeometryCheckSettings, optional
+        Check lengths, angles and signs first: vectors that these name are left out before the adjustment.
+        An epoch in which they contradict without a name, and the adjustment names none either, has no
+        attitude.
 
     Returns
     -------
     AdjustedVectors
     """
     adjustment = _Adjustment(vectors, false_alarm, blame_reference)
+    checked = None
+    if checks is not None:
+        checked = check_geometry(vectors, checks, is_used=is_used)
+        is_used = checked.is_present & ~checked.is_excluded
+        adjustment.is_excluded |= checked.is_excluded
     for block in vectors.blocks(is_used):
         adjustment.solve(block)
-    return adjustment.result()
+    if checked is not None:
+        adjustment.withdraw(checked.is_detected & ~checked.is_identified & ~adjustment.is_excluded.any(1))
+    return adjustment.result(checked)
 
 
 def without_antenna(block: VectorBlock, antenna: int) -> VectorBlock:
@@ -203,8 +219,9 @@ class _Adjustment:
                 self.solve(_rows(rest, mine))
             else:
                 self._store(rest, fits[k][0], mine & (best <= limit[k]))
+        # Nobody was to blame after all; what others had named before stays named.
         lost = bad.epochs[self.reason[bad.epochs] == Reason.GEOMETRY_TEST]
-        self.is_excluded[lost] = False
+        self.is_excluded[np.ix_(lost, suspects)] = False
 
     def _fit(self, block):
         found = solve_block(block)
@@ -220,15 +237,28 @@ class _Adjustment:
         # A vector that gives no angle was not used for one.
         self.is_used[np.ix_(rows, block.antennas)] = found.is_solved[good, None]
 
-    def result(self):
+    def withdraw(self, is_open):
+        """Take back the attitude of some epochs."""
+        is_open = is_open & np.isfinite(self.angle_rad[:, 0])
+        for values in (self.angle_rad, self.cov_rad2, self.rot, self.cov_ned_rad2):
+            values[is_open] = np.nan
+        self.is_used[is_open] = False
+        self.reason[is_open] = Reason.GEOMETRY_TEST
+
+    def result(self, checks):
         """All epochs together."""
         fit = AttitudeFit(
             self.vectors.time_ns, "adjustment", self.rot, *self.angle_rad.T, self.cov_rad2,
             self.cov_ned_rad2, self.chi2, self.dof, self.residual_m, self.is_used,
             np.isfinite(self.angle_rad[:, 0]), self.reason,
         )  # fmt: skip
-        events = tuple(exclusion_events(self.vectors, self.is_excluded, self.first_chi2, self.first_limit))
-        return AdjustedVectors(fit, self.is_excluded, self.first_chi2, self.first_limit, events)
+        named = self.is_excluded if checks is None else self.is_excluded & ~checks.is_excluded
+        events = [*exclusion_events(self.vectors, named, self.first_chi2, self.first_limit)]
+        events += [] if checks is None else checks.events
+        events.sort(key=lambda event: event.time_ns)
+        return AdjustedVectors(
+            fit, self.is_excluded, self.first_chi2, self.first_limit, tuple(events), checks
+        )
 
 
 def exclusion_events(vectors, is_excluded, statistic, limit):
@@ -272,14 +302,16 @@ class ArrayAdjustment:
         Epochs of the run.
     settings : GnssSettings
         ``residual_significance``, and ``length_sd_m``: how well each distance is known.
+    checks : GeometryCheckSettings, optional
+        Check lengths, angles and signs before the adjustment.
     """
 
-    def __init__(self, body_m, n_epochs, settings):
+    def __init__(self, body_m, n_epochs, settings, checks=None):
         m = len(body_m)
         self.positions_body_m = np.vstack([np.zeros(3), body_m])
         # A distance is that of two antennas.
         self.body_cov_m2 = 0.5 * settings.length_sd_m**2 * np.eye(3 * m + 3)
-        self.false_alarm = settings.residual_significance
+        self.false_alarm, self.checks = settings.residual_significance, checks
         self.angle_rad = np.full((n_epochs, 3), np.nan)
         self.cov_rad2 = np.full((n_epochs, 3, 3), np.nan)
         self.rot = np.full((n_epochs, 3, 3), np.nan)
@@ -312,7 +344,9 @@ class ArrayAdjustment:
             self.positions_body_m, self.body_cov_m2,
         )  # fmt: skip
         # A baseline stands for its rover here: there is nothing left without the reference.
-        found = adjust_vectors(vectors, false_alarm=self.false_alarm, blame_reference=False)
+        found = adjust_vectors(
+            vectors, false_alarm=self.false_alarm, blame_reference=False, checks=self.checks
+        )
         fit = found.fit
         self.angle_rad[rows], self.cov_rad2[rows] = fit.angles_rad, fit.cov_rad2
         self.rot[rows], self.reason[rows] = fit.rot_ned_from_body, fit.reason

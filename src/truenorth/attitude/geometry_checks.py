@@ -30,6 +30,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -68,6 +69,9 @@ class GeometryCheckSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=T
     """Check the angles."""
     handedness: bool = True
     """Check the signs of the triple products of arrays with height."""
+    vote: Literal["strict", "common"] = "strict"
+    """``strict``: the wrong vector is in all pairs that fail and in none that passes. ``common``: it may be
+    in one that passes by chance, if it is the only one in all pairs that fail."""
 
     def __post_init__(self) -> None:
         for key in ("sigma_factor", "angle_tolerance_deg", "antenna_sd_m"):
@@ -148,6 +152,7 @@ def angle_between_rad(u, v):
     ndarray, shape (...)
         0 to pi.
     """
+    u, v = np.asarray(u, dtype=float), np.asarray(v, dtype=float)
     cross = np.cross(u, v)
     return np.arctan2(np.sqrt(np.sum(cross * cross, axis=-1)), np.sum(u * v, axis=-1))
 
@@ -255,9 +260,10 @@ def check_geometry(
     # Where every length is wrong, it is rather the antenna that the vectors share.
     by_length = length_bad & (present & ~length_bad).any(1)[:, None]
     left = present & ~by_length
-    by_angle = _vote(pairs, angle_bad, np.isfinite(misfit), left)
+    is_strict = settings.vote == "strict"
+    by_angle = _vote(pairs, angle_bad, np.isfinite(misfit), left, is_strict)
     left &= ~by_angle
-    by_sign = _vote(triples, mirrored, np.isfinite(handedness), left)
+    by_sign = _vote(triples, mirrored, np.isfinite(handedness), left, is_strict)
     excluded = by_length | by_angle | by_sign
     detected = length_bad.any(1) | angle_bad.any(1) | mirrored.any(1)
     unexplained = (length_bad & ~excluded).any(1)
@@ -271,20 +277,18 @@ def check_geometry(
     return replace(found, events=tuple(_events(found, vectors)))
 
 
-def _vote(groups, is_bad, is_tested, is_left):
-    """Members of all groups that fail and of none that passes, if there is one only; three at least vote."""
+def _vote(groups, is_bad, is_tested, is_left, is_strict):
+    """Member of all groups that fail, and of none that passes if the vote is strict; one or none."""
     n, m = is_left.shape
     blamed = np.zeros((n, m), bool)
-    if len(groups) == 0:
-        return blamed
     counts = is_tested & is_left[:, groups].all(2)
     bad, good = is_bad & counts, counts & ~is_bad
     n_bad = bad.sum(1)
     for antenna in range(m):
         inside = (groups == antenna).any(1)
-        blamed[:, antenna] = (
-            is_left[:, antenna] & (n_bad > 0) & (bad[:, inside].sum(1) == n_bad) & ~good[:, inside].any(1)
-        )
+        blamed[:, antenna] = (n_bad > 0) & (bad[:, inside].sum(1) == n_bad)
+        if is_strict:
+            blamed[:, antenna] &= ~good[:, inside].any(1)
     return blamed & (blamed.sum(1) == 1)[:, None]
 
 
