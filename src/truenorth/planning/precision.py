@@ -32,7 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..attitude.vector_methods import MIN_ACROSS_M
-from ..attitude.vectors import array_extent_m
+from ..attitude.vectors import angle_jacobian, array_extent_m
 from ..rotations import rot_ned_from_body, skew
 from .view import SkyView
 
@@ -141,7 +141,7 @@ def array_precision(
     rot = rot_ned_from_body(*angles_rad)
     centred = (positions_body_m - positions_body_m.mean(0)) @ rot.T
     _, across, axis = array_extent_m(positions_body_m - positions_body_m[0])
-    inverse = np.linalg.inv(turn_of_angles(rot, angles_rad[0]))
+    inverse = angle_jacobian(rot[None])[0]
     regular = np.zeros(n, dtype=bool)
     finite = np.isfinite(information).all((1, 2))
     with np.errstate(all="ignore"):
@@ -161,10 +161,3 @@ def array_precision(
         inverse = np.where((np.abs(inverse @ line) > 1e-3)[:, None], np.nan, inverse)
     cov[regular] = keep @ np.linalg.inv(normal) @ keep
     return Precision(inverse @ cov @ inverse.T, cov, inverse)
-
-
-def turn_of_angles(rot_ned_from_body_: np.ndarray, heading_rad: float) -> np.ndarray:
-    """Columns: the small turns of heading, pitch and roll, in north, east, down."""
-    down = np.array([0.0, 0.0, 1.0])
-    right = np.array([-np.sin(heading_rad), np.cos(heading_rad), 0.0])
-    return np.stack([down, right, rot_ned_from_body_[:, 0]], axis=-1)

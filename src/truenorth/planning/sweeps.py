@@ -21,11 +21,10 @@ import numpy as np
 
 from ..attitude.error_chain import baseline_length_model, three_antenna_chain
 from ..attitude.vector_methods import MIN_ACROSS_M
-from ..attitude.vectors import array_extent_m
+from ..attitude.vectors import angle_jacobian, array_extent_m
 from ..errors import ConfigError
 from ..rotations import rot_ned_from_body, skew
 from .plan import ANGLES
-from .precision import turn_of_angles
 
 __all__ = [
     "LANDFAHRER_ANGLES_DEG",
@@ -323,14 +322,13 @@ def _adjusted(
     positions_m: np.ndarray, variance_m2: np.ndarray, angles_deg: tuple[float, float, float]
 ) -> np.ndarray:
     """Heading, pitch and roll by weighted least squares over all antennas, degrees."""
-    angles_rad = np.radians(angles_deg)
-    rot = rot_ned_from_body(*angles_rad)
+    rot = rot_ned_from_body(*np.radians(angles_deg))
     lever = skew((positions_m - positions_m[0]) @ rot.T)
     weight = 1.0 / variance_m2
     # A common shift is unknown: what the weighted mean of the columns takes is eliminated, axis by axis.
     mean = np.einsum("nai,aij->nij", weight, lever) / weight.sum(1)[:, :, None]
     centred = lever - mean[:, None]
     normal = np.einsum("naij,nai,naik->njk", centred, weight, centred)
-    inverse = np.linalg.inv(turn_of_angles(rot, float(angles_rad[0])))
+    inverse = angle_jacobian(rot[None])[0]
     cov = inverse @ np.linalg.inv(normal) @ inverse.T
     return np.degrees(np.sqrt(np.einsum("nii->ni", cov)))

@@ -246,13 +246,15 @@ def sweep_figure(sweeps):
     axes = figure.subplots(1, len(sweeps), sharey=True, squeeze=False)[0]
     plain = FuncFormatter(lambda value, _: f"{value:g}")
     methods = list(dict.fromkeys(method for sweep in sweeps for method in sweep.curves_deg))
-    styles = dict(zip(methods, ("-", "--", ":"), strict=False))
     for ax, sweep in zip(axes, sweeps, strict=True):
         for method, curve in sweep.curves_deg.items():
-            # Where curves coincide, the wider one below shows on both sides of the other.
-            for k, (_, color) in enumerate(ANGLE_COLORS.items()):
-                width = (3.4, 2.2, 1.2)[k] if styles[method] == "-" else 1.4
-                ax.plot(sweep.x, curve[:, k], styles[method], color=color, linewidth=width)
+            for k, color in enumerate(ANGLE_COLORS.values()):
+                # Where curves coincide, the wider one below shows on both sides of the other.
+                if method == methods[0]:
+                    ax.plot(sweep.x, curve[:, k], "-", color=color, linewidth=(3.4, 2.2, 1.2)[k])
+                else:
+                    size = (8.0, 5.5, 3.0)[k]
+                    ax.plot(sweep.x, curve[:, k], "o", color=color, markersize=size, markerfacecolor="none")
         ax.set_xscale("log")
         ax.set_yscale("log")
         ax.xaxis.set_major_formatter(plain)
@@ -262,7 +264,18 @@ def sweep_figure(sweeps):
         ax.grid(alpha=0.3, which="both")
     axes[0].set_ylabel("sigma, deg")
     handles = [Line2D([], [], color=color, label=name) for name, color in ANGLE_COLORS.items()]
-    handles += [Line2D([], [], color="0.3", linestyle=styles[method], label=method) for method in methods]
+    handles += [
+        Line2D(
+            [],
+            [],
+            color="0.3",
+            linestyle="-" if k == 0 else "",
+            marker="o" if k else "",
+            markerfacecolor="none",
+            label=method,
+        )
+        for k, method in enumerate(methods)
+    ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
     return figure
 
@@ -289,15 +302,18 @@ def placement_figure(plan, placement):
     point = placement.point_body_m
     antennas = np.array(plan.settings.antennas)
     good = np.isfinite(placement.value_deg)
-    # The best are drawn last, on top of the heights above and below them.
-    order = np.flatnonzero(good)[::-1]
+    what = "root of summed variances" if placement.criterion == "trace" else f"{placement.criterion} sigma"
+    # Of the candidates above one another the best, which comes first.
+    _, first = np.unique(point[good][:, :2].round(6), axis=0, return_index=True)
+    order = np.flatnonzero(good)[first]
     shown = above.scatter(
         point[order, 1],
         point[order, 0],
         c=placement.value_deg[order],
         cmap="viridis_r",
-        s=28,
+        s=float(np.clip(9000.0 / len(order), 6.0, 90.0)),
         marker="s",
+        linewidths=0,
     )
     above.plot(antennas[:, 1], antennas[:, 0], "^", color="black", markersize=9, label="array")
     best = placement.best_body_m
@@ -306,11 +322,11 @@ def placement_figure(plan, placement):
     above.set_xlabel("right, m")
     above.set_ylabel("forward, m")
     above.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, 1.12), ncols=2, frameon=False)
-    figure.colorbar(shown, ax=above, label=f"{placement.criterion} sigma, deg")
+    figure.colorbar(shown, ax=above, label=f"{what} at the best height, deg")
     heights = np.unique(-point[good, 2])
     least = [placement.value_deg[good][-point[good, 2] == height].min() for height in heights]
     beside.plot(least, heights, ".-", color="#0072B2")
-    beside.set_xlabel(f"least {placement.criterion} sigma, deg")
+    beside.set_xlabel(f"least {what}, deg")
     beside.set_ylabel("height above the origin, m")
     if len(heights) == 1:
         beside.set_ylim(heights[0] - 1.0, heights[0] + 1.0)
@@ -327,15 +343,15 @@ def placement_figure(plan, placement):
         for x, value in zip(place, values, strict=True):
             word = f"{value:.2g}" if np.isfinite(value) else "none"
             after.annotate(
-                word, (x, value if np.isfinite(value) else 0.0), ha="center", va="bottom", fontsize="small"
+                word, (x, value if np.isfinite(value) else 0.0), ha="center", va="bottom", fontsize="x-small"
             )
     after.set_xticks(range(3), list(ANGLE_COLORS))
-    after.set_ylabel(f"sigma ({placement.at} epoch), deg")
+    after.set_ylabel("sigma, deg")
     after.margins(y=0.12)
     after.grid(alpha=0.3, axis="y")
     after.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, 1.12), ncols=3, frameon=False)
     figure.suptitle(
-        f"One more antenna for the least {placement.criterion}", fontsize="large", fontweight="bold"
+        f"One more antenna for the least {what} ({placement.at} epoch)", fontsize="large", fontweight="bold"
     )
     return figure
 
