@@ -13,6 +13,9 @@ if TYPE_CHECKING:
 
 __all__ = ["COMMANDS", "calibrate_session", "session_with"]
 
+MAP_ROWS = 2_000_000
+"""Residuals of each baseline that maps are made of, at most."""
+
 
 def _array(
     session: Annotated[Path, typer.Argument(help="A session.toml.", metavar="SESSION")],
@@ -46,6 +49,10 @@ def _array(
     assign: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="A setting, as for `solve`.")
     ] = None,
+    phase_maps: Annotated[
+        Path | None, typer.Option(help="CSV table to write: residuals of each antenna over its sky.")
+    ] = None,
+    figure: Annotated[Path | None, typer.Option(help="Figure of these maps: .png, .pdf or .svg.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> int:
     """Survey the antennas of a session with their own phases, and test the declared coordinates."""
@@ -62,6 +69,8 @@ def _array(
         moving=moving,
         correlation_s=correlation,
         common_sd_m=common_sd,
+        phase_maps=phase_maps,
+        figure=figure,
         as_json=as_json,
     )
 
@@ -78,6 +87,8 @@ def calibrate_session(
     moving: bool | None = None,
     correlation_s: float | None = None,
     common_sd_m: float = 0.001,
+    phase_maps: Path | None = None,
+    figure: Path | None = None,
     as_json: bool = False,
 ) -> int:
     """Survey the antennas of a session, tell the outcome and write a session with it.
@@ -94,6 +105,8 @@ def calibrate_session(
         As for `truenorth.calibration.calibrate_array`.
     axes : tuple of str, optional
         Names of the antennas that give the axes.
+    phase_maps, figure : Path, optional
+        Table and figure of the phase residuals of each antenna over the sky as the body sees it.
     as_json : bool
         Tell it as JSON.
 
@@ -122,50 +135,84 @@ def calibrate_session(
                     f"`--axes` names {name!r}; the antennas are {', '.join(names)}", key="axes", value=name
                 )
         chosen = tuple(names.index(name) for name in axes)
-    if out is not None:
-        ensure_writable(out, key="out")
+    for key, path in (("out", out), ("phase_maps", phase_maps), ("figure", figure)):
+        if path is not None:
+            ensure_writable(path, key=key)
+    if figure is not None and figure.suffix.lower() not in (".png", ".pdf", ".svg"):
+        raise ConfigError(
+            f"`--figure` is {figure}; give a name that ends in .png, .pdf or .svg",
+            key="figure",
+            value=str(figure),
+        )
     known = all(antenna.position_body_m is not None for antenna in antennas)
     declared = np.array([antenna.position_body_m for antenna in antennas], dtype=float) if known else None
     with working("calibrating") as progress:
         from .first_run import compile_kernels
 
         compile_kernels(session)
-        vectors, _, warnings = survey_session(
+        wants_maps = phase_maps is not None or figure is not None
+        vectors, baselines, warnings = survey_session(
             session,
-            lengths=lengths,  # type: ignore[arg-type]
+            lengths=lengths,
             length_sd_m=length_sd_m,
             progress=progress,
+            residual_rows=MAP_ROWS if wants_maps else 0,
         )
         calibration = calibrate_array(
             vectors,
             declared_m=declared,
             declared_sd_m=declared_sd_m,
             moving="auto" if moving is None else moving,
-            rule=rule if known else "axes",  # type: ignore[arg-type]
+            rule=rule if known else "axes",
             axes=chosen,
             correlation_s=correlation_s,
             common_sd_m=common_sd_m,
         )
+    written: list[Path] = []
     if out is not None:
-        text = session_with(session, calibration).to_toml(folder=out.parent)
-        try:
-            out.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise ConfigError(
-                f"could not write {out}: {error.strerror or error}; give another place", key="out"
-            ) from error
+        _write(out, session_with(session, calibration).to_toml(folder=out.parent), written)
+    if wants_maps:
+        from ..calibration.phase_maps import CSV_HEAD, map_residuals
+
+        maps = map_residuals(
+            baselines,
+            calibration.positions_body_m,
+            calibration.time_ns,
+            calibration.rot_ned_from_body,
+            names=names,
+        )
+        if phase_maps is not None:
+            _write(phase_maps, "\n".join([CSV_HEAD, *(one.to_csv() for one in maps)]) + "\n", written)
+        if figure is not None:
+            from ..report.calibration_figures import phase_map_figure
+
+            phase_map_figure(maps).savefig(figure)
+            written.append(figure)
     if as_json:
         described: dict[str, Any] = calibration.to_dict()
         described["warnings"] += list(warnings)
         described["session"] = None if out is None else str(out)
+        described["files"] = [str(path) for path in written]
         print(json.dumps(described, indent=2, allow_nan=False))
         return 0
     print(array_calibration_text(calibration))
     for text in warnings:
         print(f"warning     {text}")
-    if out is not None:
-        print(f"written     {out}")
+    for path in written:
+        print(f"written     {path}")
     return 0
+
+
+def _write(path: Path, text: str, written: list[Path]) -> None:
+    from ..errors import ConfigError
+
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(
+            f"could not write {path}: {error.strerror or error}; give another place", key="out"
+        ) from error
+    written.append(path)
 
 
 def session_with(session: Session, calibration: ArrayCalibration) -> Session:
@@ -204,5 +251,54 @@ def session_with(session: Session, calibration: ArrayCalibration) -> Session:
     return msgspec.structs.replace(session, platform=platform, gnss=gnss)
 
 
-COMMANDS = {"array": _array}
+def _theodolite(
+    survey: Annotated[Path, typer.Argument(help="Survey file (TOML): stations, table of pointings.")],
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """Adjust the pointings of theodolites to marks on the platform; points and body coordinates of them."""
+    import json
+
+    from ..calibration.survey_file import SurveyFile, solve_survey
+    from ..report.calibration_text import survey_text
+
+    points = solve_survey(SurveyFile.read(survey))
+    if not as_json:
+        print(survey_text(points))
+        return
+    network, body_m = points.network, points.position_body_m
+    described: dict[str, Any] = {
+        "names": list(points.names),
+        "position_ned_m": points.position_ned_m.tolist(),
+        "cov_ned_m2": points.cov_ned_m2.tolist(),
+        "position_body_m": None if body_m is None else body_m.tolist(),
+        "cov_body_m2": None if points.cov_body_m2 is None else points.cov_body_m2.tolist(),
+        "statistic": network.statistic,
+        "limit": network.limit,
+        "degrees_of_freedom": network.degrees,
+        "left_out": list(network.events),
+    }
+    print(json.dumps(described, indent=2, allow_nan=False))
+
+
+def _boresight(
+    attitude: Annotated[
+        Path, typer.Argument(help="Attitude of the array: result of `solve`, CSV or Parquet.")
+    ],
+    reference: Annotated[Path, typer.Argument(help="Attitude of the IMU or other frame: a table of angles.")],
+    test_share: Annotated[
+        float, typer.Option(help="Share of the epochs, the last, that test what the others give.")
+    ] = 0.0,
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """Find the constant rotation between an array and an IMU (or anything with an attitude)."""
+    import json
+
+    from ..evaluation.boresight import boresight_of_tracks
+    from ..report.calibration_text import boresight_text
+
+    found = boresight_of_tracks(attitude, reference, test_share=test_share)
+    print(json.dumps(found.to_dict(), indent=2, allow_nan=False) if as_json else boresight_text(found))
+
+
+COMMANDS = {"array": _array, "theodolite": _theodolite, "boresight": _boresight}
 """Commands of ``truenorth calibrate`` by name."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["array_calibration_text"]
+__all__ = ["array_calibration_text", "boresight_text", "survey_text"]
 
 
 def array_calibration_text(calibration) -> str:
@@ -67,4 +67,71 @@ def array_calibration_text(calibration) -> str:
     if check is not None:
         lines += ["", f"verdict     {check.sentence()}"]
     lines += [f"warning     {text}" for text in c.warnings]
+    return "\n".join(lines)
+
+
+def survey_text(points) -> str:
+    """Tables of surveyed marks, the test of the survey, and its blunders.
+
+    Parameters
+    ----------
+    points : SurveyedPoints
+        Result of `truenorth.calibration.survey_file.solve_survey`.
+
+    Returns
+    -------
+    str
+    """
+    network = points.network
+    verdict = "as stated" if network.statistic <= network.limit else "worse than stated"
+    lines = [
+        f"pointings   {len(network.residual_rad)}, chi-square {network.statistic:.1f} of {network.degrees} "
+        f"degrees of freedom, limit {network.limit:.1f}: {verdict}"
+    ]
+    lines += [f"left out    {text}" for text in network.events]
+    lines.append("")
+    lines += _point_table(points.names, points.position_ned_m, points.cov_ned_m2, "north, east, down (m)")
+    if points.position_body_m is not None:
+        lines.append("")
+        lines += _point_table(
+            points.names, points.position_body_m, points.cov_body_m2, "forward, right, down (m)"
+        )
+    return "\n".join(lines)
+
+
+def _point_table(names, position_m, cov_m2, head):
+    width = max(8, *(len(name) for name in names))
+    sd_mm = 1e3 * np.sqrt(np.maximum(np.diag(cov_m2), 0.0)).reshape(-1, 3)
+    lines = [f"{'point':<{width}}  {head:>32}  {'sd (mm)':>20}"]
+    for name, place, sd in zip(names, np.round(position_m, 5) + 0.0, sd_mm, strict=True):
+        lines.append(
+            f"{name:<{width}}  "
+            + "".join(f"{x:>11.5f}" for x in place)[1:]
+            + "  "
+            + "".join(f"{x:>7.3f}" for x in sd)[1:]
+        )
+    return lines
+
+
+def boresight_text(boresight) -> str:
+    """Angles of a boresight with their standard deviations, and the errors of the epochs kept for testing.
+
+    Parameters
+    ----------
+    boresight : Boresight
+        Result of `truenorth.calibration.mounting.align_attitudes`.
+
+    Returns
+    -------
+    str
+    """
+    b = boresight
+    lines = [f"epochs      {b.n_used} used, worth {b.effective:.0f} independent ones"]
+    for k, name in enumerate(("heading", "pitch", "roll")):
+        angle, sd = np.degrees(b.angles_rad[k]), np.degrees(b.sd_rad[k])
+        lines.append(f"{name:<11} {angle:>10.4f} deg, sd {sd:.4f} deg")
+    if np.isfinite(b.test_mean_rad).all():
+        lines.append("test        errors of the epochs that took no part, about forward, right, down:")
+        for word, values in (("mean", b.test_mean_rad), ("sd", b.test_sd_rad)):
+            lines.append(f"{word:<11} " + "".join(f"{np.degrees(x):>10.4f}" for x in values) + " deg")
     return "\n".join(lines)
