@@ -28,6 +28,7 @@ from truenorth.attitude.reliability import (
     least_squares_model,
     multiple_fault_risk,
     phase_events,
+    phase_model,
     phase_reliability,
     protection_events,
     protection_level,
@@ -466,6 +467,39 @@ def test_a_satellite_that_one_antenna_sees_is_nothing_to_anyone():
     assert result.bias_to_noise[row] == 0.0
     assert np.isnan(result.mdb_m[only]).all()
     assert result.dof == 12
+
+
+def test_phases_of_a_filter_are_those_of_its_vectors():
+    """A prediction that knows nothing adds nothing, and information adds up."""
+    rng = np.random.default_rng(24)
+    epoch, rot, integers = make_epoch(rng)
+    plain = phase_reliability(epoch, rot, integers)
+    loose = phase_reliability(epoch, rot, integers, prior_cov_rad2=np.eye(6))
+    tight = phase_reliability(epoch, rot, integers, prior_cov_rad2=np.diag([1e-6] * 3 + [1.0] * 3))
+    np.testing.assert_allclose(loose.mdb_m, plain.mdb_m, rtol=1e-3)
+    assert loose.dof == plain.dof + 3
+    assert np.all(tight.mdb_m <= plain.mdb_m)
+    assert np.all(tight.external_rad.max(axis=0) < plain.external_rad.max(axis=0))
+    angles = angle_jacobian(rot[None])[0]
+    own = np.linalg.inv(phase_model(epoch, rot)[0].cov_unknowns[0])
+    both = angles @ np.linalg.inv(own + 1e6 * np.eye(3)) @ angles.T
+    np.testing.assert_allclose(tight.sd_rad, np.sqrt(np.diag(both)), rtol=1e-9)
+
+
+def test_slips_of_two_phases_are_left_out_one_after_the_other():
+    rng = np.random.default_rng(25)
+    epoch, rot, integers = make_epoch(rng)
+    model, rows, _ = phase_model(epoch, rot)
+    computed = np.einsum("ri,ri->r", epoch.design_ned, epoch.positions_body_m[epoch.antenna] @ rot.T)
+    misclosure = epoch.phase_m - WAVELENGTH_M * integers - computed
+    misclosure[4] += 2.0 * WAVELENGTH_M
+    misclosure[18] -= WAVELENGTH_M
+    result = adapt_model(model, misclosure[None], np.eye(len(rows))[:, :, None])
+    assert set(result.fault[0, :2]) == {4, 18}
+    assert result.outcome[0] == Outcome.ADAPTED
+    error = result.correction[0] @ np.linalg.inv(result.cov[0]) @ result.correction[0]
+    # Chi-square of 3 degrees of freedom beyond 21.1 once in ten thousand.
+    assert error < 21.1
 
 
 def test_unknown_stage_is_refused():

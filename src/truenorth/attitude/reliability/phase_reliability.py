@@ -60,7 +60,7 @@ class PhaseReliability:
     residual_m, estimated_m : ndarray, shape (r,)
         Residual, and estimated blunder of this phase alone.
     redundancy : ndarray, shape (r,)
-        Redundancy numbers; their sum is `dof`.
+        Redundancy numbers; their sum is `dof`, of a filter less by what the prediction takes.
     mdb_m, mdb_cyc : ndarray, shape (r,)
         Minimal detectable blunder; infinite where none can be seen.
     external_rad : ndarray, shape (r, 3)
@@ -106,7 +106,7 @@ class PhaseReliability:
         return flagged
 
 
-def phase_model(epoch, rot_ned_from_body, *, stage="attitude"):
+def phase_model(epoch, rot_ned_from_body, *, stage="attitude", prior_cov_rad2=None):
     """Linear model of an epoch's phases with satellite constants and clocks eliminated.
 
     Parameters
@@ -117,6 +117,9 @@ def phase_model(epoch, rot_ned_from_body, *, stage="attitude"):
         Attitude.
     stage : str
         ``attitude`` or ``vectors``.
+    prior_cov_rad2 : ndarray, shape (s, s), optional
+        Covariance of a filter's prediction, whose first three states are the small rotation; then the
+        model is that of its update, with the prediction as an observation of the attitude.
 
     Returns
     -------
@@ -151,22 +154,25 @@ def phase_model(epoch, rot_ned_from_body, *, stage="attitude"):
     nuisance = np.hstack([_indicator(epoch.satellite[rows]), _indicator(clock)])
     free = _projector(factor @ nuisance)
     turn = np.einsum("ri,rij->rj", h, -skew(epoch.positions_body_m[antenna] @ rot_ned_from_body.T))
-    gain, cov_turn, test = _adjust(factor, free, turn, True)
+    prior = np.zeros((3, 3)) if prior_cov_rad2 is None else np.linalg.inv(np.asarray(prior_cov_rad2)[:3, :3])
+    gain, cov_turn, test = _adjust(factor, free, turn, prior)
     weight = factor.T @ factor
     clear = factor.T @ free @ factor
     if stage == "vectors":
         antennas = _indicator(antenna)
         positions = (antennas[:, :, None] * h[:, None, :]).reshape(len(rows), -1)
-        test = _adjust(factor, free, positions, False)[2]
+        test = _adjust(factor, free, positions, None)[2]
         rank = np.linalg.matrix_rank(free @ factor @ positions, tol=1e-7 * np.abs(factor).max())
     else:
-        rank = 3
+        rank = 3 if prior_cov_rad2 is None else 0
     dof = round(float(np.trace(free))) - rank
     model = LinearModel(cov[None], weight[None], test[None], gain[None], cov_turn[None], dof)
     return model, rows, np.diag(clear - test).copy()
 
 
-def phase_reliability(epoch, rot_ned_from_body, integers=None, *, stage="attitude", settings=None):
+def phase_reliability(
+    epoch, rot_ned_from_body, integers=None, *, stage="attitude", settings=None, prior_cov_rad2=None
+):
     """Internal and external reliability of every phase of an epoch.
 
     Parameters
@@ -181,6 +187,8 @@ def phase_reliability(epoch, rot_ned_from_body, integers=None, *, stage="attitud
         ``attitude``: the unknown is the rotation; ``vectors``: the vectors between the antennas.
     settings : ReliabilitySettings, optional
         What is demanded.
+    prior_cov_rad2 : ndarray, shape (s, s), optional
+        Covariance of a filter's prediction, `rot_ned_from_body`: the reliability is that of its update.
 
     Returns
     -------
@@ -188,7 +196,7 @@ def phase_reliability(epoch, rot_ned_from_body, integers=None, *, stage="attitud
     """
     settings = ReliabilitySettings() if settings is None else settings
     rot = np.asarray(rot_ned_from_body, dtype=float)
-    model, rows, through = phase_model(epoch, rot, stage=stage)
+    model, rows, through = phase_model(epoch, rot, stage=stage, prior_cov_rad2=prior_cov_rad2)
     n = len(epoch.antenna)
     delta0 = settings.delta0
     angles = angle_jacobian(rot[None])
@@ -270,13 +278,16 @@ def _projector(columns):
     return np.eye(len(columns)) - u @ u.T
 
 
-def _adjust(factor, free, design, is_regular):
-    """Gain, covariance and test matrix of an adjustment after the elimination."""
+def _adjust(factor, free, design, prior):
+    """Gain, covariance and test matrix of an adjustment after the elimination.
+
+    `prior` is the information on the unknowns from elsewhere, none for unknowns with a rank defect.
+    """
     white = free @ factor @ design
-    if is_regular:
-        cov = np.linalg.inv(white.T @ white)
-        gain = cov @ white.T
-    else:
+    if prior is None:
         cov, gain = None, np.linalg.pinv(white, rcond=1e-7)
+    else:
+        cov = np.linalg.inv(white.T @ white + prior)
+        gain = cov @ white.T
     test = factor.T @ (free - white @ gain) @ factor
     return gain @ factor, cov, 0.5 * (test + test.T)
