@@ -33,6 +33,9 @@ PASSES = 12
 MAX_TIME_DIFFERENCE_NS = 100_000_000
 """Between an epoch of a baseline and that of its attitude."""
 
+MIN_CELLS = 20
+"""Cells that two halves of a run have in common; with fewer their correlation says nothing."""
+
 MIN_COUNT = 4
 """Residuals that a cell needs to be used."""
 
@@ -52,6 +55,9 @@ class PhaseMap:
         frame; NaN in cells with fewer than four residuals.
     count : ndarray of int64, shape (a, e)
         Residuals.
+    repeatability : float
+        Correlation of the maps of the first and the second half of the run, over the cells that both have:
+        1 for what stays where it is, 0 for noise; NaN where there are too few such cells.
     """
 
     antenna: str
@@ -59,6 +65,13 @@ class PhaseMap:
     mean_m: np.ndarray
     sd_m: np.ndarray
     count: np.ndarray
+    repeatability: float = np.nan
+
+    @property
+    def share(self) -> float:
+        """float: Part of the map that is taken for real, 2 r / (1 + r) of the repeatability r; else all."""
+        r = self.repeatability
+        return 1.0 if np.isnan(r) else float(2.0 * max(r, 0.0) / (1.0 + max(r, 0.0)))
 
     @property
     def azimuth_edges_rad(self) -> np.ndarray:
@@ -88,7 +101,7 @@ class PhaseMap:
         Returns
         -------
         ndarray
-            Metres; zero where no cell around is in use.
+            Metres, that part of the map that comes back (`share`); zero where no cell around is in use.
         """
         n_azimuth, n_elevation = self.mean_m.shape
         place = np.mod(azimuth_rad, 2.0 * np.pi) * n_azimuth / (2.0 * np.pi) - 0.5
@@ -104,7 +117,7 @@ class PhaseMap:
                 share = np.abs(1 - d_column - (place - column)) * np.abs(1 - d_row - (height - row))
                 share = share * is_used[i, j]
                 total, weight = total + share * value[i, j], weight + share
-        return np.where(weight > 0.1, total / np.maximum(weight, 1e-9), 0.0)
+        return self.share * np.where(weight > 0.1, total / np.maximum(weight, 1e-9), 0.0)
 
     def to_csv(self) -> str:
         """The cells in use as lines of text, degrees and millimetres."""
@@ -186,11 +199,32 @@ def map_residuals(
     )
     sums = np.stack([np.bincount(slot, residual**power, len(counts)) for power in range(3)], axis=1)
     sums = sums.reshape(len(parts), len(bands), n_cells, 3)
-    return tuple(
-        PhaseMap(name, int(value), *maps)
-        for k, value in enumerate(bands)
-        for name, maps in zip(names, _split(sums[:, k], shape), strict=True)
-    )
+    found = []
+    is_late = (epoch > np.median(epoch)).astype(int)
+    tables = [
+        np.stack(
+            [np.bincount(slot, (is_late == half) * residual**power, len(counts)) for power in range(3)],
+            axis=1,
+        )
+        for half in (0, 1)
+    ]
+    halves = [table.reshape(sums.shape) for table in tables]
+    for k, value in enumerate(bands):
+        early, late = (_split(half[:, k], shape) for half in halves)
+        for a, (name, maps) in enumerate(zip(names, _split(sums[:, k], shape), strict=True)):
+            found.append(PhaseMap(name, int(value), *maps, _repeatability(early[a], late[a])))
+    return tuple(found)
+
+
+def _repeatability(early, late):
+    """Correlation of two maps over their common cells, weighted by the residuals of the poorer one."""
+    both = np.isfinite(early[0]) & np.isfinite(late[0])
+    if np.count_nonzero(both) < MIN_CELLS:
+        return np.nan
+    weight = np.minimum(early[2], late[2])[both]
+    first, second = early[0][both], late[0][both]
+    size = np.sqrt((weight @ first**2) * (weight @ second**2))
+    return float(weight @ (first * second) / size) if size > 0.0 else np.nan
 
 
 def _rows_in_body(solution, time_ns, rot_ned_from_body, shape, body_m):

@@ -50,7 +50,10 @@ def phase_map_figure(maps):
         ax.set_xticks(
             np.radians([0.0, 90.0, 180.0, 270.0]), ["forward", "right", "aft", "left"], fontsize="small"
         )
-        ax.set_title(f"{one.antenna}, L{one.band}: rms {1e3 * one.rms_m:.1f} mm", fontsize="medium")
+        title = f"{one.antenna}, L{one.band}: rms {1e3 * one.rms_m:.1f} mm"
+        if np.isfinite(one.repeatability):
+            title += f", {100.0 * one.share:.0f} % real"
+        ax.set_title(title, fontsize="medium")
     if drawn is not None:
         figure.colorbar(drawn, ax=axes, label="mean phase residual, mm", shrink=0.7)
     figure.suptitle("Phase residuals in the body frame", fontsize="large", fontweight="bold")
