@@ -23,6 +23,7 @@ from .errors import ConfigError, FormatError
 __all__ = [
     "METHODS",
     "AntennaSection",
+    "ArraySettings",
     "GnssSection",
     "GnssSettings",
     "PlatformSection",
@@ -176,6 +177,45 @@ class GnssSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             refuse("direction_azimuth_deg", self.direction_azimuth_deg, "`length_m` with it")
 
 
+class ArraySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How three and more antennas are solved, and the ``[array]`` table of a session file."""
+
+    resolution: Literal["joint", "baselines"] = "joint"
+    """``joint``: the integers of all antennas together, the body geometry inside the search; where the
+    observations refute the geometry, the baselines one by one. ``baselines``: those alone."""
+    position_sd_m: float = 0.002
+    """Standard deviation of each body coordinate, independent, metres."""
+    success_probability: float = 0.999
+    """Posterior probability that all integers are right, demanded of the joint search."""
+    method: Literal["adjustment", "wahba", "implicit", "direct", "triad", "pseudoinverse"] = "adjustment"
+    """Attitude from the vectors: the weighted adjustment on the rotation group, or a classical method."""
+    angle_tolerance_deg: float | None = None
+    """Tolerance of the angles between vectors where the baselines are solved one by one; left out, four
+    standard deviations of each angle. Wang & Lachapelle (2002) use 5 degrees."""
+    keep_vectors: bool = True
+    """Keep the vectors between the antennas with their joint covariance: 0.7 kB an epoch of four antennas."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.position_sd_m <= 10.0:
+            value = self.position_sd_m
+            raise ConfigError(
+                f"`position_sd_m` is {value!r}; give a standard deviation from 0 to 10 metres",
+                key="position_sd_m", value=value,
+            )  # fmt: skip
+        if not 0.5 <= self.success_probability < 1.0:
+            value = self.success_probability
+            raise ConfigError(
+                f"`success_probability` is {value!r}; give a share from 0.5 to below 1",
+                key="success_probability", value=value,
+            )  # fmt: skip
+        if self.angle_tolerance_deg is not None and not 0.0 < self.angle_tolerance_deg <= 180.0:
+            value = self.angle_tolerance_deg
+            raise ConfigError(
+                f"`angle_tolerance_deg` is {value!r}; give an angle above 0 to 180, or leave it out",
+                key="angle_tolerance_deg", value=value,
+            )  # fmt: skip
+
+
 def _describe(settings: msgspec.Struct) -> Any:
     """Settings as plain dictionaries, every default included."""
     return msgspec.to_builtins(settings)
@@ -218,6 +258,7 @@ class Session(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
     platform: PlatformSection
     gnss: GnssSection = GnssSection()
+    array: ArraySettings = ArraySettings()
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Session:

@@ -29,6 +29,7 @@ __all__ = [
     "match_receivers",
     "match_signals",
     "pair_signals",
+    "split_variances",
 ]
 
 EARTH_ROTATION_RADPS = 7.2921151467e-5
@@ -359,6 +360,35 @@ def _variance(stochastic, elevation_rad, cn0_dbhz, constant_m, elevation_m):
     return variance
 
 
+def _undifferenced_variances(stochastic, elevation_rad, cn0_dbhz):
+    """Variances of phases and of codes of one receiver."""
+    phase = stochastic.phase_sd_m, stochastic.phase_elevation_sd_m
+    code = stochastic.code_sd_m, stochastic.code_elevation_sd_m
+    return [_variance(stochastic, elevation_rad, cn0_dbhz, *sd) for sd in (phase, code)]
+
+
+def split_variances(differences, base, rover, settings):
+    """Variances of single differences as those of the two receivers.
+
+    Parameters
+    ----------
+    differences : SingleDifferences
+        Of the two.
+    base, rover : Observations
+        Their raw observations.
+    settings : GnssSettings
+        With the stochastic model.
+
+    Returns
+    -------
+    of_base, of_rover : tuple of ndarray, shape (n_rows,)
+        Variances of phases and codes, metres squared; what is of neither counts for the rover.
+    """
+    d = differences
+    of_base = _undifferenced_variances(settings.stochastic, d.elevation_rad, base.cn0_dbhz[d.base_row])
+    return tuple(of_base), (d.phase_variance_m2 - of_base[0], d.code_variance_m2 - of_base[1])
+
+
 def build_single_differences(
     base, rover, base_point, rover_point, settings, *,
     epochs=None, pairs=None, at_code_baseline=None, position_before=None,
@@ -476,16 +506,9 @@ def build_single_differences(
     phase[(lli & LLI_HALF_CYCLE) > 0] = np.nan
     phase[~np.isfinite(wavelength)] = np.nan
 
-    stochastic = settings.stochastic
-    variances = []
-    for a, b in (
-        (stochastic.phase_sd_m, stochastic.phase_elevation_sd_m),
-        (stochastic.code_sd_m, stochastic.code_elevation_sd_m),
-    ):
-        variances.append(
-            _variance(stochastic, elevation, base.cn0_dbhz[base_row], a, b)
-            + _variance(stochastic, elevation, rover.cn0_dbhz[rover_row], a, b)
-        )
+    of_base = _undifferenced_variances(settings.stochastic, elevation, base.cn0_dbhz[base_row])
+    of_rover = _undifferenced_variances(settings.stochastic, elevation, rover.cn0_dbhz[rover_row])
+    variances = [one + two for one, two in zip(of_base, of_rover, strict=True)]
     is_fdma = (sat // 100 == GLONASS) & (signal // 100 <= 2)
     integer_ok = ~is_fdma | (settings.glonass_ambiguities == "calibrated")
     channel = np.where(is_fdma, channels[sat % 100], 0).astype(float)
@@ -499,6 +522,9 @@ def build_single_differences(
     order = order[keep[order]]
     counts = np.bincount(epoch[order], minlength=n_epochs)
     design_enu = np.einsum("nij,nj->ni", rot_enu[epoch[order]], design_ecef[order])
+    if not np.any(approximate):
+        # A rover that stands higher has less air above it; the height is part of the baseline.
+        design_enu[:, 2] += _troposphere_lapse(position, epoch[order], elevation[order])
     names = []
     for system, signal_base, signal_rover in pairs:
         name = f"{SYSTEMS[system]} {signal_name(signal_rover)}"
@@ -574,6 +600,15 @@ def _troposphere_difference(base_m, rover_m, elevation, approximate):
     _, _, rover_height = geodetic_from_ecef(rover_m)
     rover_delay = saastamoinen_delay_m(latitude, rover_height, elevation)
     return rover_delay - saastamoinen_delay_m(latitude, base_height, elevation)
+
+
+def _troposphere_lapse(position_m, epoch, elevation_rad):
+    """Change of the tropospheric delay with the height of the receiver, metres for each metre."""
+    from ..orbits.atmosphere import saastamoinen_zenith_delay_m, troposphere_mapping
+
+    latitude, _, height = geodetic_from_ecef(position_m)
+    above, below = (saastamoinen_zenith_delay_m(latitude, height + step) for step in (50.0, -50.0))
+    return np.nan_to_num((above - below) / 100.0)[epoch] * troposphere_mapping(elevation_rad)
 
 
 def _no_common_epochs(base, rover, settings):

@@ -15,7 +15,13 @@ from ..timescales import NS_PER_S
 from .carried import ResolutionState
 from .slips import Arcs, find_arcs
 
-__all__ = ["ResolvedEpochs", "estimate_variance_factors", "resolve_epochs", "resolve_sample"]
+__all__ = [
+    "ResolvedEpochs",
+    "estimate_variance_factors",
+    "median_factor",
+    "resolve_epochs",
+    "resolve_sample",
+]
 
 SEARCH_MARGIN = 20.0
 """Candidates within this of the best objective count for the posterior probability; one further
@@ -421,7 +427,7 @@ def estimate_variance_factors(differences, settings, sample=None):
     resolved = _run_engine(d, _no_arcs(d), settings, (1.0, 1.0), epochs=sample)
     chi2 = resolved.table[sample, kernel.CHI2]
     dof = resolved.table[sample, kernel.CHI2_DOF]
-    phase = _median_factor(chi2, dof)
+    phase = median_factor(chi2, dof)
 
     # Codes against the baseline of the winner.
     start = d.start
@@ -438,11 +444,21 @@ def estimate_variance_factors(differences, settings, sample=None):
         total = np.bincount(group, weight)
         misfit -= (np.bincount(group, weight * misfit) / total)[group]
         code_chi2[k], code_dof[k] = np.sum(weight * misfit**2), len(rows) - len(total)
-    return phase, _median_factor(code_chi2, code_dof)
+    return phase, median_factor(code_chi2, code_dof)
 
 
-def _median_factor(chi2, dof):
-    """Variance factor from chi-squares by their median; its logarithm shrinks towards 0 with `PRIOR_DOF`."""
+def median_factor(chi2, dof):
+    """Variance factor from chi-squares by their median; its logarithm shrinks towards 0 with `PRIOR_DOF`.
+
+    Parameters
+    ----------
+    chi2, dof : ndarray, shape (n,)
+        Weighted square sums and their degrees of freedom; NaN and 0 where there is none.
+
+    Returns
+    -------
+    float
+    """
     good = np.isfinite(chi2) & (dof > 0)
     if not good.any():
         return 1.0

@@ -1,41 +1,31 @@
-"""The attitude of three and more antennas: baselines from the reference antenna, then one rotation.
+"""The attitude of three and more antennas: jointly resolved, or baseline by baseline.
 
-Call stack: every rover is read and solved against the reference, one after the other, with the length
-that the body coordinates give; the accepted baselines of an epoch, freed of that length, give heading,
-pitch and roll (`truenorth.attitude.vectors`) and must fit the body coordinates. With four antennas or
-more a baseline that does not fit is found by leaving each out in turn.
+The geometry of the platform is used as far as it stands: all of it in the joint search
+(`truenorth.attitude.array_joint`); where the observations refute it, the distances from the first antenna,
+one baseline at a time; where they refute those, none (`truenorth.attitude.array_baselines`). The solution
+says which.
 """
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 import msgspec
 import numpy as np
 
-from ..config import GnssSettings, convert_settings
-from ..errors import ConfigError, NoSolutionError, Reason, Status
-from ..timescales import NS_PER_S
-from .adjustment import ArrayAdjustment, free_of_length
-from .array_solution import AttitudeSolution
-from .baselines import RESIDUAL_ROWS, solve_baseline
+from ..config import ArraySettings, GnssSettings, convert_settings
+from ..errors import ConfigError, NoSolutionError, Reason
+from .array_baselines import attitude_from_baselines, solve_by_baselines
+from .array_joint import solve_joint
+from .baselines import Stages
+from .length_check import FEW_ACCEPTED
 from .provenance import describe_observations
 from .runs import open_receiver
-from .solution import EpochEvent
 
 __all__ = ["attitude_from_baselines", "solve_array"]
 
-MIN_LENGTH_SD_M = 5e-4
-"""A length better known than this could not be taken out of an adjusted baseline without loss of digits."""
-
-MAX_SHARE_OF_LENGTH = 0.2
-"""A baseline may be uncertain by this share of its length, without it; its mirror image is further away."""
-
-BLOCK_EPOCHS = 20_000
-"""Epochs whose rotations are estimated at once, which bounds the memory."""
-
-_NED_FROM_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+JOINT_METHODS = ("constrained", "filter")
+"""Methods that the joint engine stands for; the others are of one baseline."""
 
 
 def solve_array(
@@ -45,8 +35,10 @@ def solve_array(
     *,
     names=None,
     settings=None,
+    array=None,
     progress=None,
     keep_residuals=False,
+    block_epochs=None,
     **overrides,
 ):
     """Attitude of a rigid array of antennas at every epoch.
@@ -62,12 +54,15 @@ def solve_array(
     names : sequence of str, optional
         Of the antennas.
     settings : GnssSettings, optional
-        All options; the defaults where omitted. ``length_sd_m`` is how well the body coordinates are
-        known, per distance.
+        Systems, bands, masks, noise and tests; the defaults where omitted.
+    array : ArraySettings, optional
+        How the antennas are resolved together; the defaults where omitted.
     progress : callable, optional
-        Called with (epochs done, epochs in all), the baselines one after another.
+        Called with (epochs done, epochs in all).
     keep_residuals : bool
-        Keep the phase residuals of every baseline, which take more memory than all else.
+        Keep the residual of every phase, which takes more memory than all else.
+    block_epochs : int, optional
+        Epochs that are in memory at a time; the result does not depend on it.
     **overrides
         Single fields of `GnssSettings` by name.
 
@@ -99,192 +94,61 @@ def solve_array(
     observations = list(observations)
     names = tuple(names) if names is not None else tuple(f"antenna {k}" for k in range(len(observations)))
     _check_array(observations, positions_body_m, names, settings)
-    started = time.perf_counter()
-    base, navigation = _read_reference(observations, navigation, settings)
-    seconds = {"read": time.perf_counter() - started, "compile": 0.0, "solve": 0.0}
-
-    baselines, warnings = [], []
-    for k, rover in enumerate(observations[1:]):
-        length_m = float(np.linalg.norm(positions_body_m[k + 1] - positions_body_m[0]))
-        own = msgspec.structs.replace(
-            settings, length_m=length_m, length_sd_m=max(settings.length_sd_m, MIN_LENGTH_SD_M)
-        )
-        try:
-            solution = solve_baseline(
-                base,
-                rover,
-                navigation,
-                settings=own,
-                progress=_part(progress, k, len(observations) - 1),
-                residual_rows=RESIDUAL_ROWS if keep_residuals else 0,
-            )
-        except NoSolutionError as error:
-            warnings.append(f"{names[k + 1]}: left out, {error}")
-            baselines.append(None)
-            continue
-        for stage in seconds:
-            seconds[stage] += solution.seconds[stage]
-        warnings += [f"{names[k + 1]}: {text}" for text in solution.warnings]
-        baselines.append(solution)
-    if all(solution is None for solution in baselines):
-        raise NoSolutionError(f"could not solve the array: {'; '.join(warnings)}")
-
-    started = time.perf_counter()
-    kept = [k for k, solution in enumerate(baselines) if solution is not None]
-    solution = attitude_from_baselines(
-        [baselines[k] for k in kept],
-        positions_body_m[[0] + [k + 1 for k in kept]],
-        base.time_ns,
-        names=[names[0]] + [names[k + 1] for k in kept],
-        settings=settings,
-    )
-    seconds["solve"] += time.perf_counter() - started
-    inputs = {
-        "antennas": {
-            names[0]: describe_observations(base),
-            **{names[k + 1]: baselines[k].inputs["rover"] for k in kept},
-        },
-        "variance_factors": {names[k + 1]: baselines[k].inputs["variance_factors"] for k in kept},
-        "navigation": list(navigation.paths),
+    array = array or ArraySettings()
+    stages = Stages()
+    receivers, navigation = _read(observations, navigation, settings)
+    stages.end("read")
+    common = {"array": array, "names": names, "keep_residuals": keep_residuals, "progress": progress}
+    arguments = receivers, positions_body_m, navigation, settings
+    solution, said = None, []
+    if array.resolution == "joint" and settings.method in JOINT_METHODS:
+        solution, read_s = solve_joint(*arguments, block_epochs=block_epochs, **common)
+        stages.end("solve", read_s=read_s)
+        said = list(solution.warnings)
+    for length in (True, False):
+        if solution is not None and not _is_refuted(solution):
+            break
+        if solution is not None:
+            said.append(_say_fallback(solution, length))
+        below, seconds = solve_by_baselines(*arguments, length=length, **common)
+        stages.end("solve", read_s=seconds["read"])
+        if solution is None or np.mean(below.is_accepted) > np.mean(solution.is_accepted):
+            solution = below
+            said += below.warnings
+    described = {
+        name: describe_observations(receiver) for name, receiver in zip(names, receivers, strict=True)
     }
+    inputs = {"antennas": described, "navigation": list(navigation.paths)}
     return replace(
         solution,
-        inputs=inputs,
-        warnings=tuple(dict.fromkeys((*warnings, *solution.warnings))),
-        seconds=seconds,
+        inputs=solution.inputs | inputs,
+        warnings=tuple(dict.fromkeys(said)),
+        seconds=stages.seconds,
     )
 
 
-def attitude_from_baselines(baselines, positions_body_m, time_ns, *, names, settings):
-    """Attitude from baselines that share their first antenna.
+def _is_refuted(solution):
+    """Whether the observations contradict the body coordinates in most epochs that they could decide."""
+    reasons = np.isin(solution.reason, [Reason.RESIDUAL_TEST, Reason.NO_CANDIDATE, Reason.GEOMETRY_TEST])
+    unsolved = ~solution.is_accepted
+    return np.mean(solution.is_accepted) < FEW_ACCEPTED and np.count_nonzero(
+        reasons & unsolved
+    ) > 0.5 * np.count_nonzero(unsolved)
 
-    Parameters
-    ----------
-    baselines : sequence of BaselineSolution
-        From the reference antenna to each other one.
-    positions_body_m : ndarray, shape (n_baselines + 1, 3)
-        Body coordinates, the reference first.
-    time_ns : ndarray of int64
-        Epochs of the reference receiver.
-    names : sequence of str
-        Of the antennas.
-    settings : GnssSettings
-        ``residual_significance``, ``length_sd_m`` and ``max_time_difference_s`` are used.
 
-    Returns
-    -------
-    AttitudeSolution
-        At the epochs of the reference receiver that any baseline has.
-    """
-    body_m = positions_body_m[1:] - positions_body_m[0]
-    time_ns, row = _align([solution.time_ns for solution in baselines], time_ns, settings)
-    n, m = row.shape
-    reason = np.zeros((n, m), np.uint8)
-    status = np.zeros((n, m), np.uint8)
-    n_sats = np.zeros((n, m), np.int16)
-    vector_m, cov_m2 = np.full((n, m, 3), np.nan), np.full((n, m, 3, 3), np.nan)
-    position_ecef_m = np.full((n, 3), np.nan)
-    for k, solution in enumerate(baselines):
-        here = np.flatnonzero(row[:, k] >= 0)
-        at = row[here, k]
-        status[here, k], reason[here, k] = solution.status[at], solution.reason[at]
-        n_sats[here, k] = solution.n_sats[at]
-        for first in range(0, len(here), BLOCK_EPOCHS):
-            part = slice(first, first + BLOCK_EPOCHS)
-            enu_m, cov_enu_m2 = free_of_length(solution, at[part])
-            vector_m[here[part], k] = enu_m @ _NED_FROM_ENU.T
-            cov_m2[here[part], k] = _NED_FROM_ENU @ cov_enu_m2 @ _NED_FROM_ENU.T
-        unknown = here[np.isnan(position_ecef_m[here, 0])]
-        position_ecef_m[unknown] = solution.position_ecef_m[row[unknown, k]]
-    accepted = (status == Status.FIXED) | (status == Status.HELD)
-    adjustment = ArrayAdjustment(body_m, n, settings)
-    for first in range(0, n, BLOCK_EPOCHS):
-        part = slice(first, first + BLOCK_EPOCHS)
-        weak = accepted[part] & ~_stand_alone(cov_m2[part], np.linalg.norm(body_m, axis=1))
-        reason[part][weak] = Reason.WEAK_GEOMETRY
-        accepted[part] &= ~weak
-        adjustment.solve(np.arange(first, min(first + BLOCK_EPOCHS, n)), vector_m, cov_m2, accepted)
-    a = adjustment
-    # What no baseline explains is explained by the one that came nearest.
-    nearest = np.argmax(status, axis=1)
-    epoch_reason = np.where(accepted.any(1), a.reason, reason[np.arange(n), nearest])
-    held = np.any(a.is_used & (status == Status.HELD), axis=1)
-    epoch_status = np.where(a.is_solved, np.where(held, Status.HELD, Status.FIXED), Status.NONE)
-    fewest = np.where(a.is_used, n_sats, np.iinfo(np.int16).max).min(1)
-    solution = AttitudeSolution(
-        time_ns=time_ns,
-        status=epoch_status.astype(np.uint8),
-        reason=epoch_reason.astype(np.uint8),
-        heading_rad=a.angle_rad[:, 0],
-        pitch_rad=a.angle_rad[:, 1],
-        roll_rad=a.angle_rad[:, 2],
-        cov_rad2=a.cov_rad2,
-        rot_ned_from_body=a.rot,
-        is_used=a.is_used,
-        is_excluded=a.is_excluded,
-        chi2=a.chi2,
-        chi2_limit=a.chi2_limit,
-        n_sats=np.where(a.is_used.any(1), fewest, 0).astype(np.int16),
-        position_ecef_m=position_ecef_m,
-        antennas=tuple(names),
-        positions_body_m=np.asarray(positions_body_m),
-        baselines=tuple(baselines),
-        settings=msgspec.to_builtins(settings),
+def _say_fallback(solution, length):
+    """What a step down from one level of geometry to the next says."""
+    share = 100.0 * float(np.mean(solution.is_accepted))
+    if solution.level == "joint" and length:
+        return (
+            f"the body coordinates do not fit the phases: {share:.1f} % of the epochs were accepted with all "
+            "of them in the search; solved again by the distances from the first antenna alone. Measure the "
+            "coordinates with `truenorth calibrate array`"
+        )
+    return (
+        f"the distances from the first antenna do not fit the phases: {share:.1f} % of the epochs were "
+        "accepted with them; solved again without any geometry"
     )
-    return replace(solution, events=tuple(_events(solution)))
-
-
-def _stand_alone(cov_m2, length_m):
-    """Whether the phases of a baseline determine it without its length, shape (n, n_baselines).
-
-    Three satellites leave a line of baselines, which the sphere of the known length meets twice: two mirror
-    images of the whole array that lengths and angles cannot tell apart.
-    """
-    known = np.isfinite(cov_m2).all((2, 3))
-    variance_m2 = np.linalg.eigvalsh(cov_m2[known])
-    reach_m = np.broadcast_to(MAX_SHARE_OF_LENGTH * length_m, known.shape)[known]
-    known[known] = (variance_m2[:, 0] > 0.0) & (variance_m2[:, 2] < reach_m**2)
-    return known
-
-
-def _align(times_ns, reference_ns, settings):
-    """Epochs of the reference that any baseline has, and the row of each baseline there, -1 for none."""
-    row = np.full((len(reference_ns), len(times_ns)), -1, np.int64)
-    for k, time_ns in enumerate(times_ns):
-        after = np.clip(np.searchsorted(reference_ns, time_ns), 1, max(len(reference_ns) - 1, 1))
-        before_is_nearer = (
-            time_ns - reference_ns[after - 1] < reference_ns[after % len(reference_ns)] - time_ns
-        )
-        at = np.where(before_is_nearer, after - 1, after % len(reference_ns))
-        near = np.abs(reference_ns[at] - time_ns) <= settings.max_time_difference_s * NS_PER_S
-        row[at[near], k] = np.flatnonzero(near)
-    known = np.any(row >= 0, axis=1)
-    return reference_ns[known], row[known]
-
-
-def _events(solution):
-    """When the attitude was found and lost, and when antennas were left out and came back."""
-    n = solution.n_epochs
-
-    def changes(flags):
-        """Epochs at which a flag changes, and what it changes to."""
-        at = np.flatnonzero(np.diff(flags, prepend=False))
-        return zip(at.tolist(), flags[at].tolist(), strict=True)
-
-    found = []
-    for at, is_up in changes(solution.is_accepted):
-        used = int(solution.n_baselines[at])
-        text = f"attitude from {used} baselines" if is_up else "no attitude"
-        found.append((at, "fixed" if is_up else "released", text))
-    for k, name in enumerate(solution.antennas[1:]):
-        for at, is_out in changes(solution.is_excluded[:, k]):
-            text = "contradicts the other antennas and is left out" if is_out else "is no longer left out"
-            found.append((at, "excluded" if is_out else "returned", f"{name} {text}"))
-    for at, kind, text in sorted(found):
-        time_ns = int(solution.time_ns[min(at, n - 1)])
-        yield EpochEvent(
-            time_ns, kind, "", "", float(solution.chi2[at]), float(solution.chi2_limit[at]), text
-        )
 
 
 def _check_array(observations, positions_body_m, names, settings):
@@ -308,8 +172,8 @@ def _check_array(observations, positions_body_m, names, settings):
         )
 
 
-def _read_reference(observations, navigation, settings):
-    """Observations of the reference antenna, and the ephemerides."""
+def _read(observations, navigation, settings):
+    """Observations of the antennas, and the ephemerides."""
     from ..formats import read_navigation
     from ..navigation import Navigation
     from ..observations import Observations
@@ -322,14 +186,8 @@ def _read_reference(observations, navigation, settings):
         )
         paths = paths or [entry for entry in observations if not isinstance(entry, Observations)]
         navigation = read_navigation(*paths)
-    base = open_receiver(observations[0], whole=settings.direction != "forward")
-    if base.n_epochs == 0:
-        raise NoSolutionError(f"could not solve: the reference file {base.meta.path} holds no epochs")
-    return base, navigation
-
-
-def _part(progress, k, n_parts):
-    """Progress of one baseline as part of the whole."""
-    if progress is None:
-        return None
-    return lambda done, total: progress(k * total + done, n_parts * total)
+    whole = settings.direction != "forward"
+    receivers = [open_receiver(source, whole=whole) for source in observations]
+    if receivers[0].n_epochs == 0:
+        raise NoSolutionError(f"could not solve: the reference file {receivers[0].meta.path} holds no epochs")
+    return receivers, navigation

@@ -5,9 +5,40 @@ from typing import Any
 
 import numpy as np
 
+from .array_vectors import ArrayVectors
 from .solution import BaselineSolution, EpochEvent, SolutionOutputs
 
-__all__ = ["AttitudeSolution"]
+__all__ = ["AttitudeSolution", "PhaseResiduals"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhaseResiduals:
+    """Residuals of the joint adjustment, one row for each phase that took part.
+
+    Parameters
+    ----------
+    epoch : ndarray of int64, shape (k,)
+        Index of the epoch.
+    antenna : ndarray of int16, shape (k,)
+        Index of the antenna.
+    sat, signal : ndarray of int16, shape (k,)
+        Satellite and signal, see `truenorth.observations`.
+    residual_m : ndarray of float64, shape (k,)
+        Undifferenced, satellite constants and clocks estimated; metres.
+    azimuth_rad, elevation_rad : ndarray of float64, shape (k,)
+        Direction of the satellite in the local level.
+    integer_cyc : ndarray of float64, shape (k,)
+        Integer of the arc, up to constants of a satellite and of a clock.
+    """
+
+    epoch: np.ndarray
+    antenna: np.ndarray
+    sat: np.ndarray
+    signal: np.ndarray
+    residual_m: np.ndarray
+    azimuth_rad: np.ndarray
+    elevation_rad: np.ndarray
+    integer_cyc: np.ndarray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,21 +60,32 @@ class AttitudeSolution(SolutionOutputs):
         Covariance of heading, pitch and roll.
     rot_ned_from_body : ndarray of float64, shape (n, 3, 3)
         The attitude itself; NaN where one of its angles is.
-    is_used, is_excluded : ndarray of bool, shape (n, n_baselines)
-        Baselines that took part, and those that contradicted the others.
+    is_used, is_excluded : ndarray of bool, shape (n, n_antennas)
+        Antennas that took part, and those that contradicted the others.
     chi2, chi2_limit : ndarray of float64, shape (n,)
-        Test of all accepted baselines against the body coordinates, those included that were left out
-        because of it, and its limit.
+        Test of the adjustment against the body coordinates and its limit: of all phases where the antennas
+        were resolved jointly, of the vectors (those included that were left out because of it) otherwise.
+    success_probability : ndarray of float64, shape (n,)
+        With which the integers of the joint search were accepted; NaN where the baselines were solved one
+        by one.
     n_sats : ndarray of int16, shape (n,)
-        Satellites of the baseline that used fewest, among those that took part; 0 where none did.
+        Satellites that took part: all of the joint adjustment, or those of the baseline that used fewest.
     position_ecef_m : ndarray of float64, shape (n, 3)
         Single-point position of the reference antenna, metres.
     antennas : tuple of str
         Names, the reference first.
-    positions_body_m : ndarray of float64, shape (n_baselines + 1, 3)
+    positions_body_m : ndarray of float64, shape (n_antennas, 3)
         Body coordinates, metres.
+    level : str
+        How much of the geometry the integers rest on: ``joint`` (all body coordinates), ``length`` (the
+        distances from the reference antenna) or ``free`` (none).
+    vectors : ArrayVectors or None
+        Vectors between the antennas as the phases alone give them, with their joint covariance; None where
+        they were not kept.
+    residuals : PhaseResiduals or None
+        Of every phase that took part in the joint adjustment, where they were asked for.
     baselines : tuple of BaselineSolution
-        From the reference to each other antenna, at their own epochs.
+        From the reference to each other antenna, at their own epochs; empty at the level ``joint``.
     settings : dict
         Effective settings, every default included.
     inputs : dict
@@ -68,11 +110,15 @@ class AttitudeSolution(SolutionOutputs):
     is_excluded: np.ndarray
     chi2: np.ndarray
     chi2_limit: np.ndarray
+    success_probability: np.ndarray
     n_sats: np.ndarray
     position_ecef_m: np.ndarray
     antennas: tuple[str, ...]
     positions_body_m: np.ndarray
-    baselines: tuple[BaselineSolution, ...]
+    level: str = "length"
+    vectors: ArrayVectors | None = None
+    residuals: PhaseResiduals | None = None
+    baselines: tuple[BaselineSolution, ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)
     inputs: dict[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
@@ -80,8 +126,8 @@ class AttitudeSolution(SolutionOutputs):
     seconds: dict[str, float] = field(default_factory=dict)
 
     @property
-    def n_baselines(self) -> np.ndarray:
-        """Ndarray of int, shape (n,): baselines that took part."""
+    def n_antennas_used(self) -> np.ndarray:
+        """Ndarray of int, shape (n,): antennas that took part."""
         return np.count_nonzero(self.is_used, axis=1)
 
     @property
@@ -89,7 +135,7 @@ class AttitudeSolution(SolutionOutputs):
         """Ndarray of str, shape (n,): names of the antennas left out, with ``+`` between them."""
         words = np.full(self.n_epochs, "", dtype=object)
         for row in np.flatnonzero(np.any(self.is_excluded, axis=1)):
-            words[row] = "+".join(self.antennas[k + 1] for k in np.flatnonzero(self.is_excluded[row]))
+            words[row] = "+".join(self.antennas[k] for k in np.flatnonzero(self.is_excluded[row]))
         return words.astype(str)
 
     def angle_sd_rad(self, k: int) -> np.ndarray:

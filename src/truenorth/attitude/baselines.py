@@ -30,7 +30,7 @@ from .provenance import add_provenance
 from .runs import open_receiver, open_run
 from .solution import BaselineSolution, EpochEvent
 
-__all__ = ["solve_baseline"]
+__all__ = ["Stages", "solve_baseline"]
 
 MISLEADING_LENGTH_M = 0.05
 """A quarter of the shortest carrier wave: a smaller error of the length leaves the integers alone."""
@@ -102,7 +102,7 @@ def solve_baseline(
     if overrides:
         table = msgspec.to_builtins(settings) | msgspec.to_builtins(overrides)
         settings = convert_settings(table, GnssSettings)
-    stages = _Stages()
+    stages = Stages()
     base, rover, navigation = _read_inputs(base, rover, navigation, settings)
     stages.end("read")
     run = open_run(base, rover, navigation, settings, block_epochs=block_epochs)
@@ -154,7 +154,7 @@ def _solve(run, settings, *, is_refuted=False, residual_rows=RESIDUAL_ROWS, prog
     return _join(parts, every if residual_rows else 1, factors)
 
 
-class _Stages:
+class Stages:
     """Wall time of the stages of a run, compilation apart."""
 
     def __init__(self):
@@ -169,9 +169,10 @@ class _Stages:
         return 0.0 if jit is None else jit.compile_clock.seconds
 
     def end(self, stage, *, read_s=0.0):
+        """End a stage; of its time `read_s` went into reading."""
         now, compiled = time.perf_counter(), self._compilation()
         self.seconds["compile"] += compiled - self._compiled
-        self.seconds[stage] = now - self._since - (compiled - self._compiled) - read_s
+        self.seconds[stage] += now - self._since - (compiled - self._compiled) - read_s
         self.seconds["read"] += read_s
         self._since, self._compiled = now, compiled
 

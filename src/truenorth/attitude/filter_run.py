@@ -34,7 +34,7 @@ class FilterRun:
         self.kernels = kernels
         self.measured, self.settings, self.is_given = measured, settings, is_used
         m = len(measured.positions_body_m)
-        epochs = np.asarray(measured.time_ns, dtype=np.int64)
+        epochs = np.array(measured.time_ns, dtype=np.int64)
         if times_ns is None:
             self.time_ns, self.output = epochs, None
         else:
@@ -76,6 +76,12 @@ class FilterRun:
         self.events: list[EpochEvent] = []
         self.has_refused = False
         self.can_start = spans_directions(self.body)
+        if not self.can_start and measured.n_epochs:
+            self._say(
+                0, "start", "", math.nan, math.nan,
+                "The attitude filter cannot start: the antennas stand on one line, about which no turn is "
+                "seen.",
+            )  # fmt: skip
 
     def _set_limits(self, r_max):
         from scipy.stats import chi2, ncx2, norm
@@ -146,13 +152,12 @@ class FilterRun:
             k, why = self._kernel(k, self.time_ns[block], self.is_epoch[block], white, outputs)
             if why == kernels.DONE:
                 break
-            epoch = block.start + k
-            rows, y = white.rows[k, : white.n_rows[k]], white.y[k, : white.n_rows[k]]
             if why == kernels.NEEDS_START:
-                is_done = self._start(epoch, rows, y)
+                at = self._start(block.start, k, white)
             else:
-                is_done = self._recover(epoch, rows, y)
-            if is_done:
+                at = self._recover(block.start, k, white, events)
+            if at >= 0:
+                epoch = block.start + at
                 self.status[epoch] = FilterStatus.UPDATED
                 self.is_start[epoch] = True
                 self.segment[epoch] = carried[kernels.SEGMENT]
@@ -160,8 +165,11 @@ class FilterRun:
                 self.rot[epoch] = state.rot_ned_from_body
                 self.rate[epoch] = state.rate_body_radps
                 self.cov[epoch] = state.cov
-                sensitivity[k] = state.sensitivity
-            if is_done or why == kernels.NEEDS_START:
+                sensitivity[at] = state.sensitivity
+                if self.settings.keep_predictions:
+                    self.before_rot[epoch] = self.before_rate[epoch] = self.before_cov[epoch] = np.nan
+                k = at + 1
+            elif why == kernels.NEEDS_START:
                 k += 1
         n_events = carried[kernels.N_EVENTS]
         self._tell(block.start, events[:n_events], numbers[:n_events])
@@ -247,11 +255,13 @@ class FilterRun:
         self.state.pending = ()
         self.has_refused = False
 
-    def _start(self, epoch, rows, y):
-        """Start the filter at an epoch, by its own vectors or with those of epochs before; True if it did."""
+    def _start(self, start, k, white):
+        """Start the filter at an epoch, by its own vectors or with those before; -1 if it could not."""
         state, settings = self.state, self.settings
         if not self.can_start:
-            return False
+            return -1
+        epoch = start + k
+        rows, y = white.rows[k, : white.n_rows[k]], white.y[k, : white.n_rows[k]]
         fit, is_determined, without = self._fit(epoch, rows, y)
         if fit is not None:
             self._set(epoch, fit, without)
@@ -260,14 +270,14 @@ class FilterRun:
                 f"The attitude filter started by least squares from {np.count_nonzero(self.is_used[epoch])} "
                 "antennas.",
             )  # fmt: skip
-            return True
+            return k
         if is_determined:
-            return False
+            return -1
         since = self.time_ns[epoch] - int(1e9 * settings.max_prediction_s)
         pending = [part for part in state.pending if part[0] >= since]
         pending = [*pending[1 - PENDING_EPOCHS :], (int(self.time_ns[epoch]), rows.copy(), y.copy())]
         state.pending = tuple(pending)
-        return self._start_from_several(epoch)
+        return k if self._start_from_several(epoch) else -1
 
     def _start_from_several(self, epoch):
         """Start by filtering epochs that have no full attitude each, from the one they have together."""
@@ -325,13 +335,17 @@ class FilterRun:
         )  # fmt: skip
         return True
 
-    def _recover(self, epoch, rows, y):
-        """Get a locked-out filter going again; True if it was started anew at this epoch."""
+    def _recover(self, start, k, white, events):
+        """Get a locked-out filter going again; the epoch at which it was started anew, -1 where it was not.
+
+        The smoother, which may use what comes later, goes back to the first of the rejected epochs.
+        """
         kernels, settings, state = self.kernels, self.settings, self.state
-        carried = state.carried
+        carried, epoch = state.carried, start + k
         n_rejected = int(carried[kernels.N_REJECTED]) + 1
+        run = np.flatnonzero(white.n_rows[: k + 1])[-n_rejected:]
+        self.is_lock_out[start + run] = True
         if n_rejected == settings.lock_out_epochs:
-            self.is_lock_out[epoch] = True
             self._say(
                 epoch, "lock-out", "", n_rejected, settings.lock_out_epochs,
                 f"The attitude filter is locked out: its prediction rejected the vectors of {n_rejected} "
@@ -339,30 +353,38 @@ class FilterRun:
             )  # fmt: skip
         is_determined = False
         if settings.recovery == "restart":
-            fit, is_determined, without = self._fit(epoch, rows, y)
-            if fit is not None:
-                self._set(epoch, fit, without)
+            for at in run.tolist() if self.is_smoother else [k]:
+                rows, y = white.rows[at, : white.n_rows[at]], white.y[at, : white.n_rows[at]]
+                fit, is_determined, without = self._fit(start + at, rows, y)
+                if fit is None:
+                    continue
+                again = slice(start + at, epoch + 1)
+                self.is_used[again] = white.is_seen[at : k + 1]
+                self.is_rejected[again] = False
+                self.is_lock_out[again] = self.is_lock_out[again] & (not self.is_smoother)
+                carried[kernels.N_EVENTS] = np.count_nonzero(events[: carried[kernels.N_EVENTS], 0] < at)
+                self._set(start + at, fit, without)
                 self._say(
-                    epoch, "restart", "", fit.chi2, math.nan,
+                    start + at, "restart", "", fit.chi2, math.nan,
                     "The attitude filter was started anew by least squares after its lock-out.",
                 )  # fmt: skip
-                return True
-        if not is_determined and n_rejected >= settings.lock_out_epochs:
-            # As if the rate had been unknown since the last epoch that was taken.
+                return at
+        if not is_determined:
+            # As if the rate had wandered that far since the last epoch that was taken.
             since = 1e-9 * (self.time_ns[epoch] - carried[kernels.UPDATE_TIME])
             variance = math.radians(settings.initial_rate_sd_dps) ** 2
-            step = np.array([[since * since, since], [since, 1.0]]) * variance
+            step = np.array([[since * since / 3.0, since / 2.0], [since / 2.0, 1.0]]) * variance
             state.cov += np.kron(step, np.eye(3))
             self._begin(epoch)
             self.is_start[epoch] = True
             self._say(
                 epoch, "widened", "", n_rejected, settings.lock_out_epochs,
                 "The covariance of the attitude filter was widened after its lock-out, as if the rate had "
-                f"been unknown for {since:.1f} s.",
+                f"changed by {settings.initial_rate_sd_dps:g} deg/s in {since:.1f} s.",
             )  # fmt: skip
         carried[kernels.IS_PREDICTED] = 1
         carried[kernels.NO_RECOVERY] = 1
-        return False
+        return -1
 
     def _tell(self, start, which, numbers):
         """Spell out the events of the compiled loop."""
@@ -399,13 +421,41 @@ class FilterRun:
         return names[antenna] if antenna < len(names) else f"number {antenna + 1}"
 
     def smooth(self):
-        """Smooth the filtered states in place."""
+        """Smooth the filtered states in place, and predict backward from the start of every segment."""
         self.kernels.smooth_epochs(
             self.time_ns, self.is_epoch, self.noise, self.switches[self.kernels.IS_PRINTED], self.n_consider,
             self.segment, self.rot, self.rate, self.cov, self.sensitivity,
         )  # fmt: skip
         if self.n_consider:
             self.cov += self.sensitivity @ self.consider @ np.swapaxes(self.sensitivity, 1, 2)
+
+        self._predict_backward()
+
+    def _predict_backward(self):
+        """Attitudes before the filter started, where those after it say more than those before."""
+        starts = np.flatnonzero((self.segment >= 0) & (np.diff(self.segment, prepend=-1) != 0))
+        sign = np.array([1.0, 1.0, 1.0, -1.0, -1.0, -1.0])
+        work = [np.empty((6, 6)), np.empty((6, 6)), np.empty((3, 3)), np.empty((3, 3))]
+        nothing = np.empty((6, 0))
+        longest = self.numbers[self.kernels.MAX_PREDICTION_NS]
+        for start in starts.tolist():
+            # In reversed time the rates have the other sign, and so has their covariance with the rotation.
+            rot, rate = self.rot[start].copy(), -self.rate[start]
+            cov = self.cov[start] * np.outer(sign, sign)
+            for k in range(start - 1, -1, -1):
+                if self.time_ns[start] - self.time_ns[k] > longest or self.status[k] == FilterStatus.UPDATED:
+                    break
+                self.kernels.predict(
+                    1e-9 * (self.time_ns[k + 1] - self.time_ns[k]), self.noise,
+                    self.switches[self.kernels.IS_PRINTED],
+                    bool(self.is_epoch[k + 1] or not self.switches[self.kernels.IS_PRINTED]),
+                    rot, rate, cov, nothing, 0, *work,
+                )  # fmt: skip
+                if self.status[k] == FilterStatus.NONE or np.trace(cov[:3, :3]) < np.trace(
+                    self.cov[k, :3, :3]
+                ):
+                    self.status[k], self.segment[k] = FilterStatus.PREDICTED, self.segment[start]
+                    self.rot[k], self.rate[k], self.cov[k] = rot, -rate, cov * np.outer(sign, sign)
 
     def result(self):
         """What was asked for, with angles."""

@@ -56,6 +56,7 @@ def solve_session(
             navigation,
             names=[antenna.name for antenna in antennas],
             settings=session.settings,
+            array=session.array,
             progress=progress,
             keep_residuals=keep_residuals,
         )

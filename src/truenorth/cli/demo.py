@@ -125,7 +125,7 @@ def _write_page(
         (
             "Time",
             f"simulated in {seconds['simulate']:.1f} s, solved in {seconds['solve']:.1f} s; the solver took "
-            f"{per_epoch_ms:.2f} ms for an epoch of {len(solution.baselines)} baselines",
+            f"{per_epoch_ms:.2f} ms for an epoch of {len(solution.antennas)} antennas",
         ),
         *(("Warning", text) for text in solution.warnings),
         (

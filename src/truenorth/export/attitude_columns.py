@@ -12,7 +12,7 @@ __all__ = ["ATTITUDE_COLUMNS", "ATTITUDE_CONTRACT"]
 
 ATTITUDE_CONTRACT = (
     "time_gpst,heading_deg,pitch_deg,roll_deg,heading_sd_deg,pitch_sd_deg,roll_sd_deg,status,reason,"
-    "n_baselines,n_sats,excluded"
+    "n_antennas,n_sats,excluded"
 )
 """How every CSV file of an attitude begins; scripts rely on it."""
 
@@ -26,7 +26,7 @@ ATTITUDE_COLUMNS = (
     Column("roll_sd_deg", "degree", "standard deviation of the roll", "%.6f"),
     Column("status", "", "fixed, held or none", "%s"),
     Column("reason", "", "why the epoch has its status", "%s"),
-    Column("n_baselines", "1", "baselines used", "%d"),
+    Column("n_antennas", "1", "antennas used", "%d"),
     Column("n_sats", "1", "satellites of the baseline that used fewest", "%d"),
     Column("excluded", "", "antennas left out because they contradict the others", "%s"),
     Column("chi2", "1", "test of the baselines against the body coordinates", "%.3f"),
@@ -50,7 +50,7 @@ def attitude_arrays(solution):
         yield np.degrees(solution.angle_sd_rad(k))
     yield status_labels(solution)
     yield reason_labels(solution)
-    yield solution.n_baselines
+    yield solution.n_antennas_used
     yield solution.n_sats
     yield solution.excluded
     yield solution.chi2

@@ -22,25 +22,30 @@ def summarize_attitude(solution):
     dict
         ``epochs``, ``epochs_by_status``, ``accepted_fraction``; ``heading_deg``, ``pitch_deg``,
         ``roll_deg`` (each ``mean``, ``sd`` and ``stated_sd`` over accepted epochs; None where there is
-        none); ``antennas``: for each but the reference its length, the share of accepted epochs of its
-        baseline and the epochs in which it was left out; ``reasons``; ``baselines`` and ``satellites``
-        used; ``inputs``, ``seconds``, ``warnings``.
+        none); ``antennas``: for each its distance from the first, the epochs in which it was used and
+        left out, and of baselines that were solved one by one the share accepted; ``level`` of the geometry;
+        ``reasons``; ``antennas_used`` and ``satellites``; ``inputs``, ``seconds``, ``warnings``.
     """
     from .. import __version__
 
     accepted = solution.is_accepted
     n_epochs = solution.n_epochs
     antennas = {}
-    for k, name in enumerate(solution.antennas[1:]):
-        baseline = solution.baselines[k]
-        arm_m = solution.positions_body_m[k + 1] - solution.positions_body_m[0]
+    baselines = solution.baselines or [None] * (len(solution.antennas) - 1)
+    for k, (name, baseline) in enumerate(zip(solution.antennas, [None, *baselines], strict=True)):
+        arm_m = solution.positions_body_m[k] - solution.positions_body_m[0]
+        used = int(np.count_nonzero(solution.is_used[:, k]))
         antennas[name] = {
             "length_m": float(np.linalg.norm(arm_m)),
-            "accepted_fraction": float(np.count_nonzero(baseline.is_accepted) / max(n_epochs, 1)),
-            "used_epochs": int(np.count_nonzero(solution.is_used[:, k])),
+            "used_fraction": float(used / max(n_epochs, 1)),
+            "used_epochs": used,
             "excluded_epochs": int(np.count_nonzero(solution.is_excluded[:, k])),
-            "length_check": jsonable(baseline.length_check),
         }
+        if baseline is not None:
+            antennas[name] |= {
+                "accepted_fraction": float(np.count_nonzero(baseline.is_accepted) / max(n_epochs, 1)),
+                "length_check": jsonable(baseline.length_check),
+            }
     return {
         "version": __version__,
         "method": solution.settings.get("method"),
@@ -61,7 +66,8 @@ def summarize_attitude(solution):
             for reason, count in solution.reason_counts().items()
             if reason != Reason.OK
         },
-        "baselines": spread_entry(solution.n_baselines[accepted]),
+        "level": solution.level,
+        "antennas_used": spread_entry(solution.n_antennas_used[accepted]),
         "satellites": spread_entry(solution.n_sats[accepted]),
         "inputs": jsonable(solution.inputs),
         "seconds": stage_seconds(solution),

@@ -124,7 +124,7 @@ def _attitude_dataset(solution):
     for name, flags in (("is_used", solution.is_used), ("is_excluded", solution.is_excluded)):
         variables[name] = (("time", "antenna"), flags, {"units": "1", "long_name": name.replace("_", " ")})
     time = ("time", gpst_to_datetime64(solution.time_ns), {"long_name": "GPS time"})
-    axes = {"angle": angle, "angle_": angle, "ned": ned, "body": body, "antenna": list(solution.antennas[1:])}
+    axes = {"angle": angle, "angle_": angle, "ned": ned, "body": body, "antenna": list(solution.antennas)}
     attributes = {
         "title": "TrueNorth attitude solution",
         "convention": "body forward, right, down; intrinsic z-y-x angles from north, east, down",

@@ -41,7 +41,7 @@ def plot_angle(solution, name, *, ax=None):
 
 
 def plot_support(solution, *, ax=None):
-    """Satellites and baselines that the attitude rests on, against time.
+    """Satellites and antennas that the attitude rests on, against time.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def plot_support(solution, *, ax=None):
     Returns
     -------
     matplotlib.axes.Axes
-        Satellites on the left, of the baseline with fewest; baselines on the right.
+        Satellites on the left, of the baseline with fewest; antennas on the right.
     """
     ax = new_axes(ax)
     time = gpst_to_datetime64(solution.time_ns)
@@ -63,20 +63,20 @@ def plot_support(solution, *, ax=None):
     ax.set_ylabel("satellites used")
     right = ax.twinx()
     right.step(
-        time, solution.n_baselines, where="mid", color="#D55E00", linewidth=1.0, label="baselines used"
+        time, solution.n_antennas_used, where="mid", color="#D55E00", linewidth=1.0, label="antennas used"
     )
     left_out = np.any(solution.is_excluded, axis=1)
     right.plot(
         time[left_out],
-        solution.n_baselines[left_out],
+        solution.n_antennas_used[left_out],
         "x",
         color="#CC79A7",
         markersize=4,
         label="an antenna left out",
     )
-    right.set_ylim(0, 1.6 * len(solution.baselines))
-    right.set_yticks(range(len(solution.baselines) + 1))
-    right.set_ylabel("baselines used")
+    right.set_ylim(0, 1.6 * len(solution.antennas))
+    right.set_yticks(range(len(solution.antennas) + 1))
+    right.set_ylabel("antennas used")
     handles = [*ax.get_lines(), *(line for line in right.get_lines() if len(line.get_xdata()))]
     ax.legend(
         handles, [line.get_label() for line in handles], loc="upper center", ncols=3, fontsize="x-small"
@@ -87,7 +87,7 @@ def plot_support(solution, *, ax=None):
 
 
 def attitude_figure(solution):
-    """One page: heading, pitch, roll, satellites and baselines.
+    """One page: heading, pitch, roll, satellites and antennas.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ def attitude_html(solution):
         figures.append(
             (name.capitalize(), draw_series(go, solution, time, angle_deg, sd_deg, f"{name}, deg"))
         )
-    figures.append(("Satellites and baselines", draw_support(go, solution, time)))
+    figures.append(("Satellites and antennas", draw_support(go, solution, time)))
     sections = [
         _verdict(solution, summary),
         figures_html(figures),
@@ -62,11 +62,11 @@ def attitude_html(solution):
 
 
 def draw_support(go, solution, time):
-    """Draw satellites and baselines used over time, and the epochs in which an antenna was left out."""
+    """Draw satellites and antennas used over time, and the epochs in which an antenna was left out."""
     figure = go.Figure()
     for name, values, axis, color in (
         ("satellites used", solution.n_sats, "y", "#000000"),
-        ("baselines used", solution.n_baselines, "y2", "#D55E00"),
+        ("antennas used", solution.n_antennas_used, "y2", "#D55E00"),
     ):
         figure.add_trace(
             go.Scatter(
@@ -83,7 +83,7 @@ def draw_support(go, solution, time):
         figure.add_trace(
             go.Scatter(
                 x=time[rows],
-                y=solution.n_baselines[rows],
+                y=solution.n_antennas_used[rows],
                 yaxis="y2",
                 mode="markers",
                 marker={"symbol": "x-thin-open", "size": 6, "color": "#CC79A7"},
@@ -96,11 +96,11 @@ def draw_support(go, solution, time):
         height=300,
         yaxis={"title": "satellites used", "rangemode": "tozero"},
         yaxis2={
-            "title": "baselines used",
+            "title": "antennas used",
             "overlaying": "y",
             "side": "right",
-            "range": [0, 1.6 * len(solution.baselines)],
-            "tickvals": list(range(len(solution.baselines) + 1)),
+            "range": [0, 1.6 * len(solution.antennas)],
+            "tickvals": list(range(len(solution.antennas) + 1)),
             "showgrid": False,
         },
         xaxis_title="GPS time",

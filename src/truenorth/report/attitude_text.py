@@ -3,11 +3,18 @@
 import numpy as np
 
 from ..errors import REASON_SENTENCES, Reason, Status
+from ..observations import sat_name, signal_name
 from ..timescales import format_gpst
 
 __all__ = ["attitude_text", "explain_attitude"]
 
 _ANGLES = ("heading", "pitch", "roll")
+
+_LEVELS = {
+    "joint": "resolved jointly, with all body coordinates",
+    "length": "resolved one by one against the first, with their distances from it",
+    "free": "resolved one by one against the first, without any geometry",
+}
 
 
 def attitude_text(summary):
@@ -29,17 +36,17 @@ def attitude_text(summary):
     if summary["epochs"]:
         lines.append(f"time        {summary['first_gpst']} to {summary['last_gpst']} GPST")
     lines += [_angle(name, summary[f"{name}_deg"]) for name in _ANGLES]
-    lines.append(f"antennas    {summary['reference']} is the reference")
+    lines.append(f"antennas    {_LEVELS[summary['level']]}")
     for name, entry in summary["antennas"].items():
         left_out = f", left out in {entry['excluded_epochs']}" if entry["excluded_epochs"] else ""
         lines.append(
-            f"  {name:<9} {entry['length_m']:.3f} m, {100.0 * entry['accepted_fraction']:.1f} % of epochs "
-            f"accepted, used in {entry['used_epochs']}{left_out}"
+            f"  {name:<9} {entry['length_m']:.3f} m from the first, used in {entry['used_epochs']} epochs "
+            f"({100.0 * entry['used_fraction']:.1f} %){left_out}"
         )
-    baselines, satellites = summary["baselines"], summary["satellites"]
-    if baselines["median"] is not None:
+    antennas, satellites = summary["antennas_used"], summary["satellites"]
+    if antennas["median"] is not None:
         lines.append(
-            f"used        {baselines['median']:g} baselines ({baselines['min']} to {baselines['max']}), "
+            f"used        {antennas['median']:g} antennas ({antennas['min']} to {antennas['max']}), "
             f"{satellites['median']:g} satellites ({satellites['min']} to {satellites['max']})"
         )
     if summary["reasons"]:
@@ -90,8 +97,17 @@ def explain_attitude(solution, k, explain_baseline):
         lines.append(f"geometry    chi2 {chi2:.2f} against at most {limit:.2f}: {verdict}")
     events = [event.text for event in solution.events if event.time_ns == solution.time_ns[k]]
     lines += [f"event       {text}" for text in events]
-    for b, (name, baseline) in enumerate(zip(solution.antennas[1:], solution.baselines, strict=True)):
-        part = "used" if solution.is_used[k, b] else "left out" if solution.is_excluded[k, b] else "not used"
+    if np.isfinite(solution.success_probability[k]):
+        lines.append(f"integers    accepted with probability {solution.success_probability[k]:.6f}")
+    parts = [
+        "used" if used else "left out" if excluded else "not used"
+        for used, excluded in zip(solution.is_used[k], solution.is_excluded[k], strict=True)
+    ]
+    if not solution.baselines:
+        lines += [f"  {name:<9} {part}" for name, part in zip(solution.antennas, parts, strict=True)]
+        lines += _residual_lines(solution, k)
+        return "\n".join(lines)
+    for name, part, baseline in zip(solution.antennas[1:], parts[1:], solution.baselines, strict=True):
         lines.append(f"\n{solution.antennas[0]} to {name}: {part}")
         if baseline.n_epochs == 0:
             continue
@@ -101,6 +117,24 @@ def explain_attitude(solution, k, explain_baseline):
             continue
         lines += [f"  {line}" for line in explain_baseline(baseline, row).split("\n")]
     return "\n".join(lines)
+
+
+def _residual_lines(solution, k):
+    """The largest phase residuals of a jointly adjusted epoch, where residuals were kept."""
+    if solution.residuals is None:
+        return
+    r = solution.residuals
+    here = np.flatnonzero(r.epoch == k)
+    if len(here) == 0:
+        return
+    rms_mm = 1e3 * float(np.sqrt(np.mean(r.residual_m[here] ** 2)))
+    yield f"phases      {len(here)} took part, rms residual {rms_mm:.1f} mm; the largest:"
+    for i in here[np.argsort(-np.abs(r.residual_m[here]))][:8]:
+        name = f"{sat_name(int(r.sat[i]))} {signal_name(int(r.signal[i]))}"
+        yield (
+            f"  {name} at {solution.antennas[r.antenna[i]]:<9} "
+            f"{1e3 * r.residual_m[i]:+7.1f} mm, elevation {np.degrees(r.elevation_rad[i]):.0f} deg"
+        )
 
 
 def _angle(name, entry):

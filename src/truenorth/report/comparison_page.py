@@ -42,7 +42,7 @@ def comparison_html(comparison, *, solution=None, title=None, subtitle="", rows=
     comparison : Comparison
         Result of `truenorth.evaluation.compare`.
     solution : AttitudeSolution, optional
-        What was compared: adds satellites and baselines over time, and settings.
+        What was compared: adds satellites and antennas over time, and settings.
     title, subtitle : str, optional
         Above the page.
     rows : sequence of (str, str)
@@ -72,7 +72,7 @@ def comparison_html(comparison, *, solution=None, title=None, subtitle="", rows=
     if solution is not None:
         drawn, _ = thin_epochs(solution, keep=np.any(solution.is_excluded, axis=1))
         own = gpst_to_datetime64(drawn.time_ns)
-        figures.append(("Satellites and baselines", draw_support(go, drawn, own)))
+        figures.append(("Satellites and antennas", draw_support(go, drawn, own)))
     figures.append(("Errors against the stated sigma", spread))
     sections.append(figures_html(figures))
     if solution is not None:
