@@ -358,3 +358,38 @@ def test_the_nose_straight_up_has_a_rotation():
     fit = attitude_from_vectors(make_vectors(BODY_M, rot, noise=False))
     np.testing.assert_allclose(fit.rot_ned_from_body, rot, atol=1e-9)
     assert np.isfinite(fit.cov_ned_rad2).all()
+
+
+@pytest.mark.parametrize("method", ["adjustment", "implicit", "wahba"])
+def test_it_does_not_matter_which_antenna_is_the_reference(method):
+    """The same positions, written as vectors from any antenna with their joint covariance."""
+    rot = random_rotations(30)
+    cov = correlated(4, scale_m=0.01)
+    body_cov = correlated(4, seed=8, scale_m=0.005)
+    fits = [
+        attitude_from_vectors(
+            replace(make_vectors(BODY_M, rot, antenna_cov_m2=cov, reference=k, seed=7), body_cov_m2=body_cov),
+            method,
+        )
+        for k in range(4)
+    ]
+    for fit in fits[1:]:
+        np.testing.assert_allclose(fit.rot_ned_from_body, fits[0].rot_ned_from_body, atol=1e-8)
+        np.testing.assert_allclose(fit.chi2, fits[0].chi2, rtol=1e-6)
+        np.testing.assert_allclose(fit.cov_rad2, fits[0].cov_rad2, rtol=1e-5, atol=1e-9)
+
+
+def test_a_turned_world_turns_the_attitude():
+    """Vectors and covariance turned together: the same chi-square and covariance, turned."""
+    vectors = make_vectors(BODY_M, random_rotations(20), antenna_cov_m2=correlated(4, scale_m=0.01))
+    turn = rot_ned_from_body(1.0, 0.4, -2.0)
+    whole = np.kron(np.eye(4), turn)
+    other = replace(
+        vectors,
+        vector_ned_m=vectors.vector_ned_m @ turn.T,
+        cov_ned_m2=whole @ np.nan_to_num(vectors.cov_ned_m2) @ whole.T,
+    )
+    here, there = attitude_from_vectors(vectors), attitude_from_vectors(other)
+    np.testing.assert_allclose(there.rot_ned_from_body, turn @ here.rot_ned_from_body, atol=1e-8)
+    np.testing.assert_allclose(there.chi2, here.chi2, rtol=1e-6)
+    np.testing.assert_allclose(there.cov_ned_rad2, turn @ here.cov_ned_rad2 @ turn.T, rtol=1e-5, atol=1e-11)
