@@ -28,7 +28,7 @@ The pseudo-observation mu (|X|^2 - rank) = 0 added to C changes no value on the 
 
 import numpy as np
 
-from .constrained import eigen_symmetric_3, nearest_on_shell
+from .constrained import eigen_symmetric_3
 from .ils import enumerate_within
 from .jit import kernel
 from .ldl import decorrelate
@@ -57,8 +57,7 @@ TREE, EXTRA, UNUSED = -1, -2, -3
 _MU = 0.1
 _LIST_CAPACITY = 8192
 _PART_CAPACITY = 32768
-_EXTRA_CAPACITY = 256
-_PSEUDO_WEIGHT = 10.0
+_TREE_CAPACITY = 65536
 
 
 @kernel
@@ -252,6 +251,20 @@ def reduce_rows(n, valid, antenna, satellite, group, reference, n_antennas, valu
 
 
 @kernel
+def complete_frame(rank, frame):
+    """Complete a right-handed frame (columns) of one or two axes; of one by the most level second axis."""
+    if rank == 1:
+        size = np.sqrt(frame[0, 0] ** 2 + frame[1, 0] ** 2)
+        is_upright = size < 1e-9
+        frame[0, 1] = 0.0 if is_upright else -frame[1, 0] / size
+        frame[1, 1] = 1.0 if is_upright else frame[0, 0] / size
+        frame[2, 1] = 0.0
+    for r in range(3):
+        s, t = (r + 1) % 3, (r + 2) % 3
+        frame[r, 2] = frame[s, 0] * frame[t, 1] - frame[t, 0] * frame[s, 1]
+
+
+@kernel
 def body_frame(n, vectors, tolerance, frame):
     """Orthonormal right-handed frame (columns) whose first axes span the vectors; returns their rank."""
     rest = np.empty((n, 3))
@@ -259,277 +272,245 @@ def body_frame(n, vectors, tolerance, frame):
         for r in range(3):
             rest[i, r] = vectors[i, r]
     rank = 0
-    for c in range(3):
-        best, size = -1, tolerance
+    while rank < 3:
+        best, largest = -1, tolerance
         for i in range(n):
-            norm = np.sqrt(rest[i, 0] ** 2 + rest[i, 1] ** 2 + rest[i, 2] ** 2)
-            if norm > size * (1.0 + 1e-9):
-                best, size = i, norm
+            size = np.sqrt(rest[i, 0] ** 2 + rest[i, 1] ** 2 + rest[i, 2] ** 2)
+            if size > largest * (1.0 + 1e-9):
+                best, largest = i, size
         if best < 0:
             break
         for r in range(3):
-            frame[r, c] = rest[best, r] / size
+            frame[r, rank] = rest[best, r] / largest
         for i in range(n):
-            dot = rest[i, 0] * frame[0, c] + rest[i, 1] * frame[1, c] + rest[i, 2] * frame[2, c]
+            dot = 0.0
             for r in range(3):
-                rest[i, r] -= dot * frame[r, c]
+                dot += rest[i, r] * frame[r, rank]
+            for r in range(3):
+                rest[i, r] -= dot * frame[r, rank]
         rank += 1
-    if rank == 0:
-        frame[0, 0], frame[1, 0], frame[2, 0] = 1.0, 0.0, 0.0
-    if rank < 2:
-        # Any direction across: that of the axis the first one has least of.
-        least = 0
-        for r in range(1, 3):
-            if abs(frame[r, 0]) < abs(frame[least, 0]):
-                least = r
-        size = np.sqrt(1.0 - frame[least, 0] ** 2)
-        for r in range(3):
-            frame[r, 1] = ((1.0 if r == least else 0.0) - frame[least, 0] * frame[r, 0]) / size
-    frame[0, 2] = frame[1, 0] * frame[2, 1] - frame[2, 0] * frame[1, 1]
-    frame[1, 2] = frame[2, 0] * frame[0, 1] - frame[0, 0] * frame[2, 1]
-    frame[2, 2] = frame[0, 0] * frame[1, 1] - frame[1, 0] * frame[0, 1]
+    if rank > 0:
+        complete_frame(rank, frame)
     return rank
 
 
 @kernel
-def nearest_rotation(rank, centre, x):
-    """Orthonormal vectors x (3 rank,) nearest to those of `centre`, as a right-handed rotation turns them."""
-    gram = np.zeros((3, 3))
-    for c in range(rank):
-        for d in range(rank):
-            for r in range(3):
-                gram[c, d] += centre[3 * c + r] * centre[3 * d + r]
-    values = np.empty(3)
-    right = np.empty((3, 3))
-    eigen_symmetric_3(gram, values, right)
-    left = np.zeros((3, 3))
-    for k in range(2, 0, -1):
-        for c in range(rank):
-            for r in range(3):
-                left[r, k] += centre[3 * c + r] * right[c, k]
-        if k == 1:
-            dot = left[0, 1] * left[0, 2] + left[1, 1] * left[1, 2] + left[2, 1] * left[2, 2]
-            for r in range(3):
-                left[r, 1] -= dot * left[r, 2]
-        size = np.sqrt(left[0, k] ** 2 + left[1, k] ** 2 + left[2, k] ** 2)
-        if size > 1e-12:
-            for r in range(3):
-                left[r, k] /= size
-        elif k == 2:
-            left[0, 2], left[1, 2], left[2, 2] = 1.0, 0.0, 0.0
-        else:
-            least = 0
-            for r in range(1, 3):
-                if abs(left[r, 2]) < abs(left[least, 2]):
-                    least = r
-            size = np.sqrt(1.0 - left[least, 2] ** 2)
-            for r in range(3):
-                left[r, 1] = ((1.0 if r == least else 0.0) - left[least, 2] * left[r, 2]) / size
-    left[0, 0] = left[1, 1] * left[2, 2] - left[2, 1] * left[1, 2]
-    left[1, 0] = left[2, 1] * left[0, 2] - left[0, 1] * left[2, 2]
-    left[2, 0] = left[0, 1] * left[1, 2] - left[1, 1] * left[0, 2]
-    hand = (
-        right[0, 0] * (right[1, 1] * right[2, 2] - right[2, 1] * right[1, 2])
-        - right[1, 0] * (right[0, 1] * right[2, 2] - right[2, 1] * right[0, 2])
-        + right[2, 0] * (right[0, 1] * right[1, 2] - right[1, 1] * right[0, 2])
-    )
-    for c in range(rank):
-        for r in range(3):
-            x[3 * c + r] = (
-                hand * left[r, 0] * right[c, 0] + left[r, 1] * right[c, 1] + left[r, 2] * right[c, 2]
-            )
+def minimise(rank, a, centre, c0, bound, weak, weak_information, x, hessian, out):
+    """Least of c0 + (x - centre)' A (x - centre) over rotations of the `rank` axes x.
 
+    Newton steps on the group, from a rotation near the centre and, unless that is too far for the bound,
+    from the mirror image of the minimum through the plane across the weakest direction.
 
-@kernel
-def descend(rank, a, centre, c0, bound, x, hessian):
-    """Newton steps on the group from x to a minimum of c0 + (x - centre)' A (x - centre).
+    Parameters
+    ----------
+    a, centre : ndarray, shapes (3 rank, 3 rank), (3 rank,)
+    c0, bound : float
+    weak, weak_information : ndarray, shape (3,), float
+        The direction of least information, and that information.
+    x : ndarray, shape (3, 3)
+        Output: columns are the axes, completed to a right-handed frame.
+    hessian : ndarray, shape (3, 3)
+        Output: half the second derivatives for a small rotation; of one axis, plus that axis' square.
+    out : ndarray, shape (2,)
+        Output: volume of all attitudes found (inverse root of the determinant of the curvature), and the
+        share of the best one.
 
-    Writes x and half the second derivatives (3, 3). Returns (cost, volume), the volume being the inverse root
-    of the determinant of the curvature; an infinite cost says that the minimum is above the bound.
+    Returns
+    -------
+    float
+        The least cost; infinite above the bound.
     """
     m = 3 * rank
+    y = np.zeros((3, 3))
+    trial = np.zeros((3, 3))
+    turn = np.empty((3, m))
+    off = np.empty(m)
     error = np.empty(m)
-    trial = np.empty(m)
-    cost = np.inf
-    determinant = 1.0
-    for iteration in range(40):
-        cost = c0
-        for i in range(m):
-            value = 0.0
-            for j in range(m):
-                value += a[i, j] * (x[j] - centre[j])
-            error[i] = value
-            cost += value * (x[i] - centre[i])
-        g0, g1, g2, along = 0.0, 0.0, 0.0, 0.0
-        h00, h11, h22, h10, h20, h21 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    h = np.empty((3, 3))
+    inverse = np.empty((3, 3))
+    step = np.empty(3)
+    best = np.inf
+    out[0] = 0.0
+    out[1] = 1.0
+    for start in range(2):
+        height_square = 0.0
         for c in range(rank):
-            p = 3 * c
-            x0, x1, x2 = x[p], x[p + 1], x[p + 2]
-            e0, e1, e2 = error[p], error[p + 1], error[p + 2]
-            g0 += x1 * e2 - x2 * e1
-            g1 += x2 * e0 - x0 * e2
-            g2 += x0 * e1 - x1 * e0
-            # What the curvature of the group adds to the second derivatives.
-            along += x0 * e0 + x1 * e1 + x2 * e2
-            h00 += e0 * x0
-            h11 += e1 * x1
-            h22 += e2 * x2
-            h10 += 0.5 * (e0 * x1 + e1 * x0)
-            h20 += 0.5 * (e0 * x2 + e2 * x0)
-            h21 += 0.5 * (e1 * x2 + e2 * x1)
-            for d in range(rank):
-                q = 3 * d
-                y0, y1, y2 = x[q], x[q + 1], x[q + 2]
-                # -[x] A_cd [y], column by column of A_cd [y].
-                b1 = a[p + 1, q + 1] * y2 - a[p + 1, q + 2] * y1
-                b2 = a[p + 2, q + 1] * y2 - a[p + 2, q + 2] * y1
-                b0 = a[p, q + 1] * y2 - a[p, q + 2] * y1
-                h00 += x2 * b1 - x1 * b2
-                h10 += x0 * b2 - x2 * b0
-                h20 += x1 * b0 - x0 * b1
-                b0 = a[p, q + 2] * y0 - a[p, q] * y2
-                b1 = a[p + 1, q + 2] * y0 - a[p + 1, q] * y2
-                b2 = a[p + 2, q + 2] * y0 - a[p + 2, q] * y2
-                h11 += x0 * b2 - x2 * b0
-                h21 += x1 * b0 - x0 * b1
-                b0 = a[p, q] * y1 - a[p, q + 1] * y0
-                b1 = a[p + 1, q] * y1 - a[p + 1, q + 1] * y0
-                h22 += x1 * b0 - x0 * b1
-        h00 -= along
-        h11 -= along
-        h22 -= along
-        if rank == 1:
-            # Turning about the only axis is no unknown.
-            h00 += x[0] * x[0]
-            h11 += x[1] * x[1]
-            h22 += x[2] * x[2]
-            h10 += x[0] * x[1]
-            h20 += x[0] * x[2]
-            h21 += x[1] * x[2]
-        is_convex = True
-        i00 = h11 * h22 - h21 * h21
-        i10 = h21 * h20 - h10 * h22
-        i20 = h10 * h21 - h11 * h20
-        determinant = h00 * i00 + h10 * i10 + h20 * i20
-        if not (h00 > 0.0 and h00 * h11 > h10 * h10 and determinant > 0.0):
-            # As much of the identity as makes a descent of the step.
-            is_convex = False
-            more = abs(h00) + abs(h11) + abs(h22) + 2.0 * (abs(h10) + abs(h20) + abs(h21)) + 1e-300
-            h00 += more
-            h11 += more
-            h22 += more
-            i00 = h11 * h22 - h21 * h21
-            i10 = h21 * h20 - h10 * h22
-            i20 = h10 * h21 - h11 * h20
-            determinant = h00 * i00 + h10 * i10 + h20 * i20
-        i11 = h00 * h22 - h20 * h20
-        i22 = h00 * h11 - h10 * h10
-        i21 = h10 * h20 - h00 * h21
-        s0 = -(i00 * g0 + i10 * g1 + i20 * g2) / determinant
-        s1 = -(i10 * g0 + i11 * g1 + i21 * g2) / determinant
-        s2 = -(i20 * g0 + i21 * g1 + i22 * g2) / determinant
-        gain = -(s0 * g0 + s1 * g1 + s2 * g2)
-        hessian[0, 0], hessian[1, 1], hessian[2, 2] = h00, h11, h22
-        hessian[0, 1], hessian[1, 0] = h10, h10
-        hessian[0, 2], hessian[2, 0] = h20, h20
-        hessian[1, 2], hessian[2, 1] = h21, h21
-        if gain < 1e-10:
+            height = 0.0
+            square = 0.0
+            for r in range(3):
+                if start == 0:
+                    y[r, c] = centre[3 * c + r]
+                height += weak[r] * y[r, c]
+                square += y[r, c] * y[r, c]
+            height_square += height * height
+            # The start: what the axes lack or exceed of their length goes to their weakest component.
+            target = -height
+            if start == 0:
+                target = np.sqrt(max(1.0 - square + height * height, 0.0))
+                if height < 0.0:
+                    target = -target
+            for r in range(3):
+                y[r, c] += (target - height) * weak[r]
+        if start == 1 and weak_information * height_square > bound - c0:
             break
-        # A quadratic step gains `gain`; many times that leads nowhere near the bound.
-        if is_convex and iteration > 0 and cost - 8.0 * gain - 1.0 > bound:
-            return np.inf, 0.0
-        size = np.sqrt(s0 * s0 + s1 * s1 + s2 * s2)
-        factor = min(1.0, 0.7 / size)
-        reached = np.inf
-        for _ in range(25):
-            t0, t1, t2 = factor * s0, factor * s1, factor * s2
-            angle = factor * size
-            sinc = np.sin(angle) / angle if angle > 1e-8 else 1.0
-            versine = (1.0 - np.cos(angle)) / (angle * angle) if angle > 1e-4 else 0.5
+        for c in range(min(rank, 2)):
+            dot = 0.0
+            square = 0.0
+            for r in range(3):
+                dot += y[r, c] * y[r, 0]
+            for r in range(3):
+                if c == 1:
+                    y[r, 1] -= dot * y[r, 0]
+                square += y[r, c] * y[r, c]
+            if square < 1e-12:
+                # Nothing to start from: any axis across.
+                least = 0
+                for r in range(3):
+                    if c == 1 and abs(y[r, 0]) < abs(y[least, 0]):
+                        least = r
+                for r in range(3):
+                    y[r, c] = (1.0 if r == least else 0.0) - (y[least, 0] * y[r, 0] if c == 1 else 0.0)
+                square = 1.0 - (y[least, 0] ** 2 if c == 1 else 0.0)
+            for r in range(3):
+                y[r, c] /= np.sqrt(square)
+        complete_frame(rank, y)
+        cost = np.inf
+        determinant = 1.0
+        is_above = False
+        for iteration in range(60):
             for c in range(rank):
-                p = 3 * c
-                x0, x1, x2 = x[p], x[p + 1], x[p + 2]
-                y0, y1, y2 = t1 * x2 - t2 * x1, t2 * x0 - t0 * x2, t0 * x1 - t1 * x0
-                trial[p] = x0 + sinc * y0 + versine * (t1 * y2 - t2 * y1)
-                trial[p + 1] = x1 + sinc * y1 + versine * (t2 * y0 - t0 * y2)
-                trial[p + 2] = x2 + sinc * y2 + versine * (t0 * y1 - t1 * y0)
-            reached = c0
+                for r in range(3):
+                    off[3 * c + r] = y[r, c] - centre[3 * c + r]
+            cost = c0
             for i in range(m):
                 value = 0.0
                 for j in range(m):
-                    value += a[i, j] * (trial[j] - centre[j])
-                reached += value * (trial[i] - centre[i])
-            if reached < cost:
+                    value += a[i, j] * off[j]
+                error[i] = value
+                cost += value * off[i]
+            # turn[r]: how the axes move with a rotation about r.
+            along = 0.0
+            for c in range(rank):
+                for r in range(3):
+                    s, t = (r + 1) % 3, (r + 2) % 3
+                    turn[r, 3 * c + r] = 0.0
+                    turn[r, 3 * c + s] = -y[t, c]
+                    turn[r, 3 * c + t] = y[s, c]
+                    along += error[3 * c + r] * y[r, c]
+            gradient_square = 0.0
+            for r in range(3):
+                step[r] = 0.0
+                for i in range(m):
+                    step[r] -= turn[r, i] * error[i]
+                gradient_square += step[r] * step[r]
+                for s in range(3):
+                    # The curvature of the group, then that of the quadratic form.
+                    value = -along if r == s else 0.0
+                    for c in range(rank):
+                        value += 0.5 * (error[3 * c + r] * y[s, c] + error[3 * c + s] * y[r, c])
+                    for i in range(m):
+                        for j in range(m):
+                            value += turn[r, i] * a[i, j] * turn[s, j]
+                    if rank == 1:
+                        # Turning about the only axis is no unknown.
+                        value += y[r, 0] * y[s, 0]
+                    h[r, s] = value
+            is_convex = True
+            size = abs(h[0, 0]) + abs(h[1, 1]) + abs(h[2, 2])
+            while True:
+                for r in range(3):
+                    s, t = (r + 1) % 3, (r + 2) % 3
+                    for q in range(3):
+                        u, v = (q + 1) % 3, (q + 2) % 3
+                        inverse[r, q] = h[s, u] * h[t, v] - h[s, v] * h[t, u]
+                determinant = h[0, 0] * inverse[0, 0] + h[0, 1] * inverse[0, 1] + h[0, 2] * inverse[0, 2]
+                if h[0, 0] > 0.0 and inverse[2, 2] > 0.0 and determinant > 0.0:
+                    break
+                # As much of the identity as makes a descent of the step.
+                is_convex = False
+                for r in range(3):
+                    h[r, r] += size
+            g0, g1, g2 = step[0], step[1], step[2]
+            gain = 0.0
+            angle_square = 0.0
+            for r in range(3):
+                step[r] = (inverse[r, 0] * g0 + inverse[r, 1] * g1 + inverse[r, 2] * g2) / determinant
+                angle_square += step[r] * step[r]
+            gain = step[0] * g0 + step[1] * g1 + step[2] * g2
+            if gain < 1e-10:
                 break
-            factor *= 0.3
-        if not reached < cost:
+            # A quadratic step gains `gain`; many times that leads nowhere near the bound.
+            if is_convex and iteration > 0 and cost - 8.0 * gain - 1.0 > bound:
+                is_above = True
+                break
+            factor = min(1.0, 0.7 / np.sqrt(angle_square))
+            reached = np.inf
+            for _ in range(25):
+                square = factor * factor * angle_square
+                angle = np.sqrt(square)
+                sinc = factor * (np.sin(angle) / angle if angle > 1e-8 else 1.0)
+                versine = (1.0 - np.cos(angle)) / square if angle > 1e-4 else 0.5
+                for c in range(rank):
+                    dot = factor * (step[0] * y[0, c] + step[1] * y[1, c] + step[2] * y[2, c])
+                    for r in range(3):
+                        value = y[r, c] + versine * (dot * factor * step[r] - square * y[r, c])
+                        for s in range(3):
+                            value += sinc * step[s] * turn[s, 3 * c + r]
+                        trial[r, c] = value
+                        off[3 * c + r] = value - centre[3 * c + r]
+                reached = c0
+                for i in range(m):
+                    value = 0.0
+                    for j in range(m):
+                        value += a[i, j] * off[j]
+                    reached += value * off[i]
+                if reached < cost:
+                    break
+                factor *= 0.3
+            if not reached < cost:
+                break
+            for c in range(rank):
+                for r in range(3):
+                    y[r, c] = trial[r, c]
+        if is_above:
+            continue
+        volume = 1.0 / np.sqrt(determinant)
+        apart = 0.0
+        for c in range(rank):
+            for r in range(3):
+                apart += (x[r, c] - y[r, c]) ** 2
+        if best < np.inf and apart < 1e-8:
             break
-        for i in range(m):
-            x[i] = trial[i]
-    return cost, 1.0 / np.sqrt(determinant)
-
-
-@kernel
-def minimise(rank, a, centre, c0, bound, weak_axis, weak_information, x, other, hessian, scratch, out):
-    """Least of c0 + (x - centre)' A (x - centre) over rotations, both attitudes where a direction is weak.
-
-    Writes the best x (3 rank,), its curvature, and `out`: volume of all attitudes, share of the best one.
-    `other` and `scratch` are room. Returns the cost, infinite above the bound.
-    """
-    nearest_rotation(rank, centre, x)
-    cost, volume = descend(rank, a, centre, c0, bound, x, hessian)
-    out[0] = volume
-    out[1] = 1.0
-    height = 0.0
-    for c in range(rank):
-        dot = 0.0
-        for r in range(3):
-            dot += weak_axis[r] * x[3 * c + r]
-        height += dot * dot
-    # Unless that is too far for the bound, the mirror image is a start of its own.
-    if weak_information * height > bound - c0:
-        return cost
-    for c in range(min(rank, 2)):
-        dot = 0.0
-        for r in range(3):
-            dot += weak_axis[r] * x[3 * c + r]
-        for r in range(3):
-            other[3 * c + r] = x[3 * c + r] - 2.0 * dot * weak_axis[r]
-    if rank == 3:
-        other[6] = other[1] * other[5] - other[2] * other[4]
-        other[7] = other[2] * other[3] - other[0] * other[5]
-        other[8] = other[0] * other[4] - other[1] * other[3]
-    cost_2, volume_2 = descend(rank, a, centre, c0, bound, other, scratch)
-    if not cost_2 < np.inf:
-        return cost
-    apart = 0.0
-    for i in range(3 * rank):
-        apart += (x[i] - other[i]) ** 2
-    if cost < np.inf and apart < 1e-8:
-        return cost
-    if cost_2 < cost:
-        if cost < np.inf:
-            share = 1.0 / (1.0 + volume / volume_2 * np.exp(0.5 * (cost_2 - cost)))
-        else:
-            share = 1.0
-        cost, volume = cost_2, volume_2
-        for i in range(3 * rank):
-            x[i] = other[i]
-        for r in range(3):
-            for s in range(3):
-                hessian[r, s] = scratch[r, s]
-    else:
-        share = 1.0 / (1.0 + volume_2 / volume * np.exp(0.5 * (cost - cost_2)))
-    out[0] = volume / share
-    out[1] = share
-    return cost
+        is_better = cost < best
+        worse = max(cost, best)
+        first_volume = out[0]
+        ratio = 0.0
+        if start == 1:
+            # What the other attitude weighs against the better one.
+            if is_better:
+                ratio = first_volume / volume * np.exp(0.5 * (cost - worse))
+            else:
+                ratio = volume / first_volume * np.exp(0.5 * (best - worse))
+        if is_better:
+            best = cost
+            out[0] = volume
+            for r in range(3):
+                for c in range(3):
+                    hessian[r, c] = h[r, c]
+                    if c < rank:
+                        x[r, c] = y[r, c]
+        out[0] *= 1.0 + ratio
+        out[1] = 1.0 / (1.0 + ratio)
+    if best < np.inf:
+        complete_frame(rank, x)
+    return best
 
 
 @kernel
 def prepare_subset(
-    n, use, integer_row, n_integers, antenna, satellite, group, weight, design, slot, n_vectors, n_antennas,
-    code_information, code_rhs, body, position_variance, rank, frame, prior, prior_rot, mu,
-    information, inverse, centre, turn, quadratic, linear,
+    n, use, integer_row, n_integers, antenna, satellite, group, weight, design, slot, first_vector,
+    end_vector, n_all, n_antennas, code_information, code_rhs, code_constant, body, position_variance, rank,
+    frame, prior, prior_rot, mu, information, inverse, centre, turn, quadratic, linear,
 ):  # fmt: skip
     """Reduce the phases of some antennas, and what code and prior say of them, to a function of the integers.
 
@@ -543,9 +524,11 @@ def prepare_subset(
     ----------
     slot : ndarray of int64, shape (n_antennas,)
         Place of each antenna among the vectors; negative for the reference and those left out.
-    code_information, code_rhs : ndarray, shapes (3 v, 3 v), (3 v,)
-        Of the vectors, marginal.
-    body : ndarray, shape (v, 3)
+    first_vector, end_vector, n_all : int
+        The vectors that the subset has, and how many the codes speak of.
+    code_information, code_rhs, code_constant : ndarray, shapes (3 n_all, 3 n_all), (3 n_all,), float
+        Cost of the codes: B' information B - 2 rhs' B + constant, zero at its least.
+    body : ndarray, shape (n_all, 3)
         The vectors from the reference in the body frame.
     prior, prior_rot : ndarray, shape (3, 3)
         Weight K and attitude R_p of trace((R - R_p)' K (R - R_p)).
@@ -557,386 +540,369 @@ def prepare_subset(
     float
         The constant.
     """
-    m = 3 * n_vectors
-    k = 3 * rank
+    # The cost as a quadratic form g of (vectors or their deviations, axes X, phases x, 1).
+    at_axes = 3 * n_all
+    at_phases = at_axes + 3 * rank
+    at_one = at_phases + n_integers
+    g = np.zeros((at_one + 1, at_one + 1))
     projector = np.empty((n, n))
     project_rows(n, use, antenna, satellite, group, weight, n_antennas, projector)
-    spread = np.zeros((n, m))
-    for j in range(n):
-        t = slot[antenna[j]]
-        if not use[j] or t < 0:
-            continue
-        for i in range(n):
-            value = projector[i, j]
-            if value != 0.0:
-                for r in range(3):
-                    spread[i, 3 * t + r] += value * design[j, r]
-    normal = np.empty((m, m))
-    for p in range(m):
-        for q in range(m):
-            normal[p, q] = code_information[p, q]
+    place = np.full(n, -1, np.int64)
+    for p in range(n_integers):
+        place[integer_row[p]] = at_phases + p
     for i in range(n):
-        t = slot[antenna[i]]
-        if not use[i] or t < 0:
-            continue
+        t = 3 * slot[antenna[i]]
+        for j in range(n):
+            value = projector[i, j]
+            u = 3 * slot[antenna[j]]
+            if value == 0.0 or u < 0:
+                continue
+            for s in range(3):
+                if place[i] >= 0:
+                    g[u + s, place[i]] -= design[j, s] * value
+                if t >= 0:
+                    for r in range(3):
+                        g[t + r, u + s] += design[i, r] * value * design[j, s]
+            if place[i] >= 0 and place[j] >= 0:
+                g[place[i], place[j]] = value
+    for p in range(at_axes):
+        g[p, at_one] = -code_rhs[p]
+        for q in range(at_axes):
+            g[p, q] += code_information[p, q]
+    # Vectors of the subset are the turned body vectors, in terms of the axes, plus deviations.
+    for c in range(rank):
+        for t in range(first_vector, end_vector):
+            along = frame[0, c] * body[t, 0] + frame[1, c] * body[t, 1] + frame[2, c] * body[t, 2]
+            for r in range(3):
+                for q in range(at_one + 1):
+                    if q < at_axes or q >= at_phases:
+                        g[at_axes + 3 * c + r, q] += along * g[3 * t + r, q]
+    for c in range(rank):
+        for t in range(first_vector, end_vector):
+            along = frame[0, c] * body[t, 0] + frame[1, c] * body[t, 1] + frame[2, c] * body[t, 2]
+            for r in range(3):
+                for q in range(at_axes, at_phases):
+                    g[q, at_axes + 3 * c + r] += along * g[q, 3 * t + r]
+    g[at_one, at_one] = code_constant - mu * rank
+    for c in range(rank):
         for r in range(3):
-            for q in range(m):
-                normal[3 * t + r, q] += design[i, r] * spread[i, q]
-    rhs = np.empty(m)
-    for p in range(m):
-        rhs[p] = code_rhs[p]
-    # What code says costs nothing at its own best.
-    scale = np.empty(m)
-    work = np.empty((m, m))
-    constant = 0.0
-    for p in range(m):
-        scale[p] = code_information[p, p]
-    invert_semidefinite(code_information, m, scale, work)
-    for p in range(m):
-        for q in range(m):
-            constant += code_rhs[p] * work[p, q] * code_rhs[q]
-    cross = np.empty((m, n_integers))
-    for i in range(n_integers):
-        linear[i] = 0.0
-        for p in range(m):
-            cross[p, i] = spread[integer_row[i], p]
-        for j in range(n_integers):
-            quadratic[i, j] = projector[integer_row[i], integer_row[j]]
+            p = at_axes + 3 * c + r
+            g[p, p] += mu
+            for s in range(3):
+                expected = 0.0
+                for q in range(3):
+                    expected += prior_rot[s, q] * frame[q, c]
+                g[p, at_axes + 3 * c + s] += prior[r, s]
+                g[p, at_one] -= prior[r, s] * expected
+                for q in range(3):
+                    g[at_one, at_one] += prior_rot[r, q] * frame[q, c] * prior[r, s] * expected
+    # Eliminate the vectors that are not of the subset, and the deviations, their covariance v (I + 1 1').
+    for p in range(at_one + 1):
+        for q in range(p):
+            if p >= at_phases:
+                g[p, q] = g[q, p]
+            else:
+                g[q, p] = g[p, q]
+    scale = np.empty(at_axes)
+    for p in range(at_axes):
+        scale[p] = 1e-10 * g[p, p]
     if position_variance > 0.0:
-        # Vectors R l + d: the deviations d are eliminated, their covariance v (I + 1 1') in any attitude.
-        stiff = np.empty((m, m))
-        for p in range(m):
-            for q in range(m):
-                stiff[p, q] = normal[p, q]
-                if p % 3 == q % 3:
-                    own = 1.0 if p == q else 0.0
-                    stiff[p, q] += (own - 1.0 / (n_vectors + 1.0)) / position_variance
-        for p in range(m):
-            scale[p] = stiff[p, p]
-        invert_semidefinite(stiff, m, scale, work)
-        gain = np.empty((m, m))
-        for p in range(m):
-            for q in range(m):
-                value = 0.0
-                for t in range(m):
-                    value += normal[p, t] * work[t, q]
-                gain[p, q] = value
-        pulled = np.empty((m, n_integers))
-        pulled_rhs = np.empty(m)
-        for p in range(m):
-            value = 0.0
-            for q in range(m):
-                value += work[p, q] * rhs[q]
-            pulled_rhs[p] = value
-            for i in range(n_integers):
-                value = 0.0
-                for q in range(m):
-                    value += work[p, q] * cross[q, i]
-                pulled[p, i] = value
-        for p in range(m):
-            constant -= rhs[p] * pulled_rhs[p]
-        for i in range(n_integers):
-            for p in range(m):
-                linear[i] -= cross[p, i] * pulled_rhs[p]
-            for j in range(n_integers):
-                value = 0.0
-                for p in range(m):
-                    value += cross[p, i] * pulled[p, j]
-                quadratic[i, j] -= value
-        for i in range(n_integers):
-            for p in range(m):
-                value = 0.0
-                for q in range(m):
-                    value += normal[p, q] * pulled[q, i]
-                cross[p, i] -= value
-        for p in range(m):
-            value = 0.0
-            for q in range(m):
-                value += gain[p, q] * code_rhs[q]
-            rhs[p] -= value
-        for p in range(m):
-            for q in range(m):
-                value = 0.0
-                for t in range(m):
-                    value += gain[p, t] * normal[t, q]
-                work[p, q] = value
-        for p in range(m):
-            for q in range(m):
-                normal[p, q] -= 0.5 * (work[p, q] + work[q, p])
-    # From the vectors to the axes of the body frame they span.
-    along = np.empty((rank, n_vectors))
-    for c in range(rank):
-        for t in range(n_vectors):
-            along[c, t] = frame[0, c] * body[t, 0] + frame[1, c] * body[t, 1] + frame[2, c] * body[t, 2]
-    start = np.zeros(k)
-    lift = np.zeros((k, n_integers))
-    for c in range(rank):
-        for r in range(3):
-            p = 3 * c + r
-            for t in range(n_vectors):
-                start[p] += along[c, t] * rhs[3 * t + r]
-                for i in range(n_integers):
-                    lift[p, i] += along[c, t] * cross[3 * t + r, i]
-            for d in range(rank):
-                for s in range(3):
-                    value = 0.0
-                    for t in range(n_vectors):
-                        for u in range(n_vectors):
-                            value += along[c, t] * along[d, u] * normal[3 * t + r, 3 * u + s]
-                    information[p, 3 * d + s] = value
-    for c in range(rank):
-        expected = np.zeros(3)
-        for r in range(3):
-            for s in range(3):
-                expected[r] += prior_rot[r, s] * frame[s, c]
-        for r in range(3):
-            for s in range(3):
-                start[3 * c + r] += prior[r, s] * expected[s]
-                constant += expected[r] * prior[r, s] * expected[s]
-                information[3 * c + r, 3 * c + s] += prior[r, s]
-            information[3 * c + r, 3 * c + r] += mu
-    constant -= mu * rank
-    axis_scale = np.empty(k)
+        share = 1.0 / (end_vector - first_vector + 1.0)
+        for p in range(3 * first_vector, 3 * end_vector):
+            for q in range(3 * first_vector + p % 3, 3 * end_vector, 3):
+                g[p, q] += ((1.0 if p == q else 0.0) - share) / position_variance
+    for k in range(at_axes):
+        is_exact = position_variance == 0.0 and k >= 3 * first_vector and k < 3 * end_vector
+        if not is_exact and g[k, k] > scale[k]:
+            for p in range(k + 1, at_one + 1):
+                factor = g[p, k] / g[k, k]
+                if factor != 0.0:
+                    for q in range(k + 1, at_one + 1):
+                        g[p, q] -= factor * g[k, q]
+    # Eliminate the axes: what they cost where nothing makes a rotation of them.
+    k = 3 * rank
+    mus = np.full(k, mu)
     for p in range(k):
-        axis_scale[p] = mu
-    invert_semidefinite(information, k, axis_scale, inverse)
-    for p in range(k):
-        value = 0.0
         for q in range(k):
-            value += inverse[p, q] * start[q]
-        centre[p] = value
-        constant -= value * start[p]
-        for i in range(n_integers):
-            value = 0.0
-            for q in range(k):
-                value += inverse[p, q] * lift[q, i]
-            turn[p, i] = value
+            information[p, q] = g[at_axes + p, at_axes + q]
+    invert_semidefinite(information, k, mus, inverse)
     for p in range(k):
-        for i in range(n_integers):
-            linear[i] -= lift[p, i] * centre[p]
-    for i in range(n_integers):
-        for j in range(n_integers):
+        for q in range(at_phases, at_one + 1):
             value = 0.0
-            for p in range(k):
-                value += lift[p, i] * turn[p, j]
-            quadratic[i, j] -= value
+            for s in range(k):
+                value -= inverse[p, s] * g[at_axes + s, q]
+            if q == at_one:
+                centre[p] = value
+            else:
+                turn[p, q - at_phases] = value
+    constant = g[at_one, at_one]
+    for s in range(k):
+        constant += g[at_one, at_axes + s] * centre[s]
+    for p in range(n_integers):
+        linear[p] = g[at_phases + p, at_one]
+        for s in range(k):
+            linear[p] += g[at_phases + p, at_axes + s] * centre[s]
+        for q in range(n_integers):
+            value = g[at_phases + p, at_phases + q]
+            for s in range(k):
+                value += g[at_phases + p, at_axes + s] * turn[s, q]
+            quadratic[p, q] = value
     return constant
 
 
 @kernel
-def enumerate_shell(
-    n, lower, diag, z_float, gain, b_float, information, mu, j_min, length, variance, bound, max_nodes,
-    z_out, cost_out,
+def enumerate_rows(
+    n_old, n_new, x, c_old, linear, quadratic, covariance, lower, diag, transform, back, observed,
+    wavelength, bound, max_nodes, z_found, z_cost, integers, metres,
 ):  # fmt: skip
-    """All decorrelated integers whose objective with the length is at most `bound`; see `search_shell`.
+    """All integers of the last `n_new` phases for which c_0 is at most `bound`, the first x being given.
 
-    Writes ``z_out[:count, :n]`` and ``cost_out[:count]``. Returns (count, nodes, is complete).
+    Writes ``integers[:count, :n_new]`` and ``metres[:count, :n_new]``, the phases less these. Returns
+    (count, nodes, is complete).
     """
-    capacity = cost_out.shape[0]
-    limit = bound + mu * length * length / (1.0 - mu * variance) - j_min
-    count = 0
-    nodes = 0
-    c = np.empty(3)
-    b = np.empty(3)
-    step = np.empty(n)
-    z_now = np.empty(n)
-    z_cond = np.empty(n)
-    partial = np.zeros(n + 1)
-    sums = np.zeros((n, n))
-    k = n - 1
-    z_cond[k] = z_float[k]
-    z_now[k] = np.floor(z_cond[k] + 0.5)
-    step[k] = 1.0 if z_cond[k] >= z_now[k] else -1.0
-    while True:
-        nodes += 1
-        if nodes > max_nodes:
-            return count, nodes, False
-        gap = z_cond[k] - z_now[k]
-        here = partial[k + 1] + gap * gap / diag[k]
-        if here > limit:
-            k += 1
-            if k == n:
-                return count, nodes, True
-        elif k > 0:
-            partial[k] = here
-            for i in range(k):
-                sums[k - 1, i] = sums[k, i] + (z_now[k] - z_cond[k]) * lower[k, i]
-            k -= 1
-            z_cond[k] = z_float[k] + sums[k, k]
-            z_now[k] = np.floor(z_cond[k] + 0.5)
-            step[k] = 1.0 if z_cond[k] >= z_now[k] else -1.0
-            continue
-        else:
-            cost = j_min + here
-            norm = 0.0
-            for i in range(3):
-                value = b_float[i]
-                for j in range(n):
-                    value -= gain[i, j] * (z_float[j] - z_now[j])
-                if information[i] > 0.0:
-                    c[i] = value * (information[i] + mu) / information[i]
-                    cost -= mu * value * c[i]
-                else:
-                    c[i] = 0.0
-                norm += c[i] * c[i]
-            short = np.sqrt(norm) - length
-            if cost + short * short / (1.0 / information[0] + variance) <= bound:
-                cost += nearest_on_shell(c, information, length, variance, b)[1]
-                if cost <= bound:
-                    if count == capacity:
-                        return count, nodes, False
-                    for i in range(n):
-                        z_out[count, i] = z_now[i]
-                    cost_out[count] = cost
-                    count += 1
-        z_now[k] += step[k]
-        step[k] = -step[k] - (1.0 if step[k] > 0.0 else -1.0)
+    a = np.empty(n_new)
+    whole = np.empty(n_new)
+    slope = np.empty(n_new)
+    z_float = np.zeros(n_new)
+    for i in range(n_new):
+        slope[i] = linear[n_old + i]
+        for q in range(n_old):
+            slope[i] += quadratic[n_old + i, q] * x[q]
+    least = c_old
+    for i in range(n_new):
+        value = 0.0
+        for j in range(n_new):
+            value += covariance[i, j] * wavelength[i] * wavelength[j] * slope[j]
+        least -= slope[i] * value
+        a[i] = (observed[i] + value) / wavelength[i]
+        whole[i] = np.floor(a[i] + 0.5)
+    for i in range(n_new):
+        for j in range(n_new):
+            z_float[i] += transform[j, i] * (a[j] - whole[j])
+    if least > bound:
+        return 0, 1, True
+    count, nodes, status = enumerate_within(
+        n_new, lower, diag, z_float, bound - least, z_found, z_cost, max_nodes
+    )
+    for k in range(count):
+        for i in range(n_new):
+            value = whole[i]
+            for j in range(n_new):
+                value += back[i, j] * z_found[k, j]
+            integers[k, i] = np.floor(value + 0.5)
+            metres[k, i] = observed[i] - wavelength[i] * integers[k, i]
+    return count, nodes, status == 0
 
 
 @kernel
-def list_baseline(
-    n, n_integers, integer_row, antenna, satellite, group, reference, role, sees_reference, observed,
-    wavelength, variance, design, code_information, code_rhs, length, length_variance, bound, max_nodes,
-    integers, costs,
+def join(
+    n_parts, parts, part_cost, n_lists, sizes, list_metres, t, n_new, count, new_metres, new_integers,
+    observed, wavelength, constant, linear, quadratic, centre, turn, information, inverse, rank, bound,
+    margin, is_list, is_final, max_nodes, out, out_cost, out_volume, out_share, out_metres, out_integers,
+    best_frame, best_hessian,
 ):  # fmt: skip
-    """All integers of one baseline whose cost by itself, its length known, is at most `bound`.
+    """Join partial candidates of `n_lists` baselines with candidates of `n_new` more phases.
 
-    Writes ``integers[:count, :n_integers]`` and ``costs[:count]``. Returns (count, nodes, is complete).
+    Parameters
+    ----------
+    parts, part_cost : ndarray
+        Candidate of each baseline (n_parts, lists), and cost, of what was joined before.
+    sizes, list_metres : ndarray, shapes (lists,), (lists, capacity, n_max)
+        Number of phases of each baseline, and the phases less integers of its candidates.
+    t : int
+        Where the index of the new candidate goes.
+    count, new_metres, new_integers : int, ndarray, ndarray
+        The new candidates, the same for all parts; a negative count has those of each part enumerated
+        from `observed` and `wavelength` (n_new,) into these arrays.
+    constant ... inverse
+        Of `prepare_subset`, for the baselines joined before and the new phases.
+    bound, margin : float
+        Candidates above the bound are dropped; where `is_final` the bound shrinks to best + margin.
+    is_list : bool
+        Only the cheap tests are made, and the cost is c_0.
+    out, out_cost, out_volume, out_share, out_metres, out_integers : ndarray
+        Output, one row for each joined candidate; the last two only of those enumerated here.
+    best_frame, best_hessian : ndarray, shape (3, 3)
+        Output: axes and curvature of the best.
+
+    Returns
+    -------
+    tuple of (int, float, int, bool)
+        Number joined, bound, nodes and checks, whether all was kept.
     """
-    m = n_integers
-    d = np.empty((m, 3))
-    y = np.empty(m)
-    own = np.empty(m)
-    tree = np.empty(m)
-    for j in range(m):
-        i = integer_row[j]
-        base = -1
-        for p in range(n):
-            if role[p] == TREE and group[p] == group[i]:
-                if antenna[p] == antenna[i] and sees_reference[p] == 1:
-                    base = p
-                elif antenna[p] == reference and satellite[p] == satellite[i]:
-                    own[j] = variance[i] + variance[p]
-        for p in range(n):
-            if role[p] == TREE and antenna[p] == reference and satellite[p] == satellite[base]:
-                tree[j] = variance[base] + variance[p]
-        for r in range(3):
-            d[j, r] = design[i, r] - design[base, r]
-        y[j] = observed[i]
-    # A trace of information everywhere, worth no more than its cost at 20 sd beyond the length.
-    trace = 1e-3 / (length * length)
-    mu = _PSEUDO_WEIGHT / (length * length + _PSEUDO_WEIGHT * length_variance)
-    normal = np.empty((3, 3))
-    total = np.empty((3, 3))
-    inverse = np.empty((3, 3))
-    scale = np.empty(3)
-    for r in range(3):
-        for s in range(3):
-            total[r, s] = code_information[r, s]
-        total[r, r] += trace
-        for s in range(3):
-            normal[r, s] = total[r, s]
-        normal[r, r] += mu
-        scale[r] = code_information[r, r]
-    j_min = -trace * (length + 20.0 * np.sqrt(length_variance)) ** 2
-    invert_semidefinite(code_information, 3, scale, inverse)
-    for r in range(3):
-        for s in range(3):
-            j_min += code_rhs[r] * inverse[r, s] * code_rhs[s]
-        scale[r] = mu
-    invert_semidefinite(normal, 3, scale, inverse)
-    b_float = np.empty(3)
-    for r in range(3):
-        b_float[r] = inverse[r, 0] * code_rhs[0] + inverse[r, 1] * code_rhs[1] + inverse[r, 2] * code_rhs[2]
-    for r in range(3):
-        j_min -= b_float[r] * code_rhs[r]
-    # The phases' information on the vector: weights less their mean in each group.
-    sum_w = np.zeros(m)
-    mean = np.zeros((m, 3))
-    for j in range(m):
-        sum_w[j] = 1.0 / tree[j]
-        for p in range(m):
-            if group[integer_row[p]] == group[integer_row[j]]:
-                sum_w[j] += 1.0 / own[p]
-                for r in range(3):
-                    mean[j, r] += d[p, r] / own[p]
-    for j in range(m):
-        for r in range(3):
-            for s in range(3):
-                total[r, s] += d[j, r] * (d[j, s] - mean[j, s] / sum_w[j]) / own[j]
-    q_float = np.empty((m, m))
-    q_baseline = np.empty((3, m))
-    rest = np.empty(m)
-    whole = np.empty(m)
-    for j in range(m):
-        value = y[j]
-        for r in range(3):
-            value -= d[j, r] * b_float[r]
-            q_baseline[r, j] = (
-                -(inverse[r, 0] * d[j, 0] + inverse[r, 1] * d[j, 1] + inverse[r, 2] * d[j, 2])
-                / wavelength[integer_row[j]]
-            )
-        value /= wavelength[integer_row[j]]
-        whole[j] = np.floor(value + 0.5)
-        rest[j] = value - whole[j]
-    for j in range(m):
-        for p in range(m):
-            value = 0.0
-            if group[integer_row[p]] == group[integer_row[j]]:
-                value = tree[j] + (own[j] if p == j else 0.0)
-            value /= wavelength[integer_row[p]]
-            for r in range(3):
-                value -= d[p, r] * q_baseline[r, j] * wavelength[integer_row[j]] / wavelength[integer_row[p]]
-            q_float[p, j] = value / wavelength[integer_row[j]]
+    k = 3 * rank
+    n_old = np.int64(0)
+    for u in range(n_lists):
+        n_old += sizes[u]
+    is_enumerated = count < 0
+    capacity = out_cost.shape[0]
+    # Factors for the enumeration.
+    m = n_new if is_enumerated else 1
+    tree_room = _TREE_CAPACITY if is_enumerated else 1
     lower = np.empty((m, m))
     diag = np.empty(m)
     transform = np.empty((m, m))
     back = np.empty((m, m))
-    if decorrelate(q_float, m, lower, diag, transform, back) != 0:
-        return 0, 0, False
+    covariance = np.empty((m, m))
+    weights = np.empty((m, m))
+    scale = np.empty(m)
+    z_found = np.empty((tree_room, m))
+    z_cost = np.empty(tree_room)
+    if is_enumerated:
+        for i in range(m):
+            for j in range(m):
+                weights[i, j] = wavelength[i] * wavelength[j] * quadratic[n_old + i, n_old + j]
+            scale[i] = 1e-4 * weights[i, i]
+        invert_semidefinite(weights, m, scale, covariance)
+        if decorrelate(covariance, m, lower, diag, transform, back) != 0:
+            return 0, bound, 0, False
+    # The largest variances of the axes, and the direction of least information.
+    block = np.zeros((3, 3))
     values = np.empty(3)
     axes = np.empty((3, 3))
-    eigen_symmetric_3(total, values, axes)
-    z_float = np.zeros(m)
-    cross = np.zeros((3, m))
-    for j in range(m):
-        for i in range(m):
-            factor = transform[j, i]
-            if factor != 0.0:
-                z_float[i] += factor * rest[j]
-                for r in range(3):
-                    cross[r, i] += q_baseline[r, j] * factor
-    gain = np.empty((3, m))
-    for r in range(3):
-        for i in range(m - 1, -1, -1):
-            for j in range(i + 1, m):
-                cross[r, i] -= lower[j, i] * cross[r, j]
-        for i in range(m):
-            value = cross[r, i] / diag[i]
-            for j in range(i):
-                value -= lower[i, j] * gain[r, j]
-            gain[r, i] = value
-    b_eigen = np.empty(3)
-    for i in range(m):
-        g0, g1, g2 = gain[0, i], gain[1, i], gain[2, i]
+    spectrum = np.empty(rank)
+    weak = np.empty(3)
+    weakest = np.inf
+    for c in range(rank + 1):
         for r in range(3):
-            gain[r, i] = axes[0, r] * g0 + axes[1, r] * g1 + axes[2, r] * g2
+            for s in range(3):
+                block[r, s] = 0.0
+                for d in range(rank):
+                    if c == rank:
+                        block[r, s] += information[3 * d + r, 3 * d + s]
+                    elif c == d:
+                        block[r, s] = inverse[3 * c + r, 3 * c + s]
+        eigen_symmetric_3(block, values, axes)
+        if c < rank:
+            spectrum[c] = values[2]
     for r in range(3):
-        b_eigen[r] = axes[0, r] * b_float[0] + axes[1, r] * b_float[1] + axes[2, r] * b_float[2]
-    count, nodes, complete = enumerate_shell(
-        m, lower, diag, z_float, gain, b_eigen, values, mu, j_min, length, length_variance, bound, max_nodes,
-        integers, costs,
-    )  # fmt: skip
-    z = np.empty(m)
-    for k in range(count):
-        for i in range(m):
-            z[i] = integers[k, i]
-        for i in range(m):
-            value = whole[i]
-            for j in range(m):
-                value += back[i, j] * z[j]
-            integers[k, i] = np.floor(value + 0.5)
-    return count, nodes, complete
+        weak[r] = axes[r, 0]
+    for c in range(rank):
+        value = 0.0
+        for r in range(3):
+            for s in range(3):
+                value += weak[r] * information[3 * c + r, 3 * c + s] * weak[s]
+        weakest = min(weakest, value)
+    room = tree_room if is_enumerated else max(count, 1)
+    new_cost = np.empty(room)
+    partner = np.empty((room, max(n_old, 1)))
+    shift = np.empty((room, k))
+    x_old = np.empty(max(n_old, 1))
+    at = np.empty(k)
+    x0 = np.empty(k)
+    frame = np.zeros((3, 3))
+    hessian = np.empty((3, 3))
+    extra = np.empty(2)
+    n_out = 0
+    nodes = 0
+    least = np.inf
+    is_complete = True
+    is_fresh = not is_enumerated
+    order = np.empty(n_parts, np.int64)
+    sort_by_cost(n_parts, part_cost, order)
+    for index in range(n_parts):
+        part = order[index]
+        if part_cost[part] > bound:
+            break
+        p = 0
+        for u in range(n_lists):
+            for q in range(sizes[u]):
+                x_old[p] = list_metres[u, parts[part, u], q]
+                p += 1
+        c_old = constant
+        for i in range(n_old):
+            value = 2.0 * linear[i]
+            for q in range(n_old):
+                value += quadratic[i, q] * x_old[q]
+            c_old += value * x_old[i]
+        for i in range(k):
+            at[i] = centre[i]
+            for q in range(n_old):
+                at[i] += turn[i, q] * x_old[q]
+        if is_enumerated:
+            count, visited, whole = enumerate_rows(
+                n_old, n_new, x_old, c_old, linear, quadratic, covariance, lower, diag, transform, back,
+                observed, wavelength, bound, max_nodes, z_found, z_cost, new_integers, new_metres,
+            )  # fmt: skip
+            nodes += visited
+            is_complete = is_complete and whole
+        nodes += 1 + count // 16
+        if nodes > max_nodes:
+            is_complete = False
+        if not is_complete:
+            break
+        if is_enumerated or is_fresh:
+            # Of each new candidate: its own cost, what multiplies the others' phases, its share of X_0.
+            is_fresh = False
+            for j in range(count):
+                new_cost[j] = 0.0
+                for p in range(n_new):
+                    value = 2.0 * linear[n_old + p]
+                    for q in range(n_new):
+                        value += quadratic[n_old + p, n_old + q] * new_metres[j, q]
+                    new_cost[j] += value * new_metres[j, p]
+                for p in range(n_old):
+                    partner[j, p] = 0.0
+                    for q in range(n_new):
+                        partner[j, p] += 2.0 * quadratic[p, n_old + q] * new_metres[j, q]
+                for p in range(k):
+                    shift[j, p] = 0.0
+                    for q in range(n_new):
+                        shift[j, p] += turn[p, n_old + q] * new_metres[j, q]
+        for j in range(count):
+            c0 = c_old + new_cost[j]
+            for i in range(n_old):
+                c0 += partner[j, i] * x_old[i]
+            if c0 > bound:
+                continue
+            for i in range(k):
+                x0[i] = at[i] + shift[j, i]
+            if not is_near_rotation(rank, x0, inverse, spectrum, bound - c0):
+                continue
+            cost = c0
+            if not is_list:
+                nodes += 10
+                cost = minimise(rank, information, x0, c0, bound, weak, weakest, frame, hessian, extra)
+                if cost > bound:
+                    continue
+            if n_out == capacity:
+                # Drop what a bound that has shrunk since no longer admits.
+                kept = 0
+                for i in range(n_out):
+                    if out_cost[i] <= bound:
+                        for u in range(out.shape[1]):
+                            out[kept, u] = out[i, u]
+                        if is_enumerated:
+                            for p in range(n_new):
+                                out_metres[kept, p] = out_metres[i, p]
+                                out_integers[kept, p] = out_integers[i, p]
+                        out_cost[kept] = out_cost[i]
+                        out_volume[kept] = out_volume[i]
+                        out_share[kept] = out_share[i]
+                        kept += 1
+                n_out = kept
+                if n_out == capacity:
+                    return n_out, bound, nodes, False
+            for u in range(n_lists):
+                out[n_out, u] = parts[part, u]
+            if is_enumerated:
+                for p in range(n_new):
+                    out_metres[n_out, p] = new_metres[j, p]
+                    out_integers[n_out, p] = new_integers[j, p]
+            else:
+                out[n_out, t] = j
+            out_cost[n_out] = cost
+            out_volume[n_out] = extra[0]
+            out_share[n_out] = extra[1]
+            n_out += 1
+            if is_final and cost < least:
+                least = cost
+                bound = min(bound, cost + margin)
+                for r in range(3):
+                    for s in range(3):
+                        best_frame[r, s] = frame[r, s]
+                        best_hessian[r, s] = hessian[r, s]
+    return n_out, bound, nodes, is_complete
 
 
 @kernel
@@ -991,358 +957,6 @@ def sort_by_cost(n, cost, order):
 
 
 @kernel
-def join(
-    n_parts, parts, part_cost, n_old, t, counts, sizes, metres, constant, linear, quadratic, centre, turn,
-    information, inverse, rank, bound, margin, is_final, max_checks, out, out_cost, out_volume, out_share,
-):  # fmt: skip
-    """Join partial candidates of `n_old` baselines with the list of baseline `t`.
-
-    Parameters
-    ----------
-    parts, part_cost : ndarray
-        Candidate of each baseline (n_parts, lists), and cost, of what was joined before.
-    metres : ndarray, shape (lists, capacity, n_max)
-        Phases less integers of each baseline's candidates.
-    constant ... inverse
-        Of `prepare_subset`, for the baselines joined before and t.
-    bound, margin : float
-        Candidates above the bound are dropped; where `is_final` the bound shrinks to best + margin.
-    out, out_cost, out_volume, out_share : ndarray
-        Output, one row for each joined candidate.
-
-    Returns
-    -------
-    tuple of (int, float, int, bool)
-        Number joined, bound, checks made, whether all was kept.
-    """
-    k = 3 * rank
-    n_before = 0
-    for u in range(n_old):
-        n_before += sizes[u]
-    own = sizes[t]
-    count = counts[t]
-    capacity = out_cost.shape[0]
-    # Of each candidate of the list: its share of c_0, what multiplies the others' phases, and of X_0.
-    share_of_cost = np.empty(count)
-    partner = np.empty((count, max(n_before, 1)))
-    shift = np.empty((count, k))
-    for j in range(count):
-        value = 0.0
-        for p in range(own):
-            value += 2.0 * linear[n_before + p] * metres[t, j, p]
-            for q in range(own):
-                value += metres[t, j, p] * quadratic[n_before + p, n_before + q] * metres[t, j, q]
-        share_of_cost[j] = value
-        for p in range(n_before):
-            value = 0.0
-            for q in range(own):
-                value += quadratic[p, n_before + q] * metres[t, j, q]
-            partner[j, p] = 2.0 * value
-        for p in range(k):
-            value = 0.0
-            for q in range(own):
-                value += turn[p, n_before + q] * metres[t, j, q]
-            shift[j, p] = value
-    block = np.zeros((3, 3))
-    sum_block = np.zeros((3, 3))
-    values = np.empty(3)
-    axes = np.empty((3, 3))
-    spectrum = np.empty(rank)
-    for c in range(rank):
-        for r in range(3):
-            for s in range(3):
-                block[r, s] = inverse[3 * c + r, 3 * c + s]
-                sum_block[r, s] += information[3 * c + r, 3 * c + s]
-        eigen_symmetric_3(block, values, axes)
-        spectrum[c] = values[2]
-    eigen_symmetric_3(sum_block, values, axes)
-    weak = np.empty(3)
-    for r in range(3):
-        weak[r] = axes[r, 0]
-    weakest = values[0]
-    for c in range(rank):
-        value = 0.0
-        for r in range(3):
-            for s in range(3):
-                value += weak[r] * information[3 * c + r, 3 * c + s] * weak[s]
-        weakest = min(weakest, value)
-    x_old = np.empty(max(n_before, 1))
-    at = np.empty(k)
-    x0 = np.empty(k)
-    x = np.empty(k)
-    other = np.empty(k)
-    hessian = np.empty((3, 3))
-    scratch = np.empty((3, 3))
-    extra = np.empty(2)
-    n_out = 0
-    checks = 0
-    is_complete = True
-    order = np.empty(n_parts, np.int64)
-    sort_by_cost(n_parts, part_cost, order)
-    for index in range(n_parts):
-        part = order[index]
-        if part_cost[part] > bound:
-            break
-        p = 0
-        for u in range(n_old):
-            for q in range(sizes[u]):
-                x_old[p] = metres[u, parts[part, u], q]
-                p += 1
-        c_old = constant
-        for i in range(n_before):
-            value = 2.0 * linear[i]
-            for q in range(n_before):
-                value += quadratic[i, q] * x_old[q]
-            c_old += value * x_old[i]
-        for i in range(k):
-            at[i] = centre[i]
-            for q in range(n_before):
-                at[i] += turn[i, q] * x_old[q]
-        checks += 1 + count // 16
-        if checks > max_checks:
-            is_complete = False
-            break
-        for j in range(count):
-            c0 = c_old + share_of_cost[j]
-            for i in range(n_before):
-                c0 += partner[j, i] * x_old[i]
-            if c0 > bound:
-                continue
-            for i in range(k):
-                x0[i] = at[i] + shift[j, i]
-            if not is_near_rotation(rank, x0, inverse, spectrum, max(bound - c0, 0.0)):
-                continue
-            checks += 10
-            cost = minimise(
-                rank, information, x0, c0, bound, weak, weakest, x, other, hessian, scratch, extra
-            )
-            if cost > bound:
-                continue
-            if n_out == capacity:
-                # Drop what a bound that has shrunk since no longer admits.
-                kept = 0
-                for i in range(n_out):
-                    if out_cost[i] <= bound:
-                        for u in range(n_old + 1):
-                            out[kept, u] = out[i, u]
-                        out_cost[kept] = out_cost[i]
-                        out_volume[kept] = out_volume[i]
-                        out_share[kept] = out_share[i]
-                        kept += 1
-                n_out = kept
-                if n_out == capacity:
-                    return n_out, bound, checks, False
-            for u in range(n_old):
-                out[n_out, u] = parts[part, u]
-            out[n_out, n_old] = j
-            out_cost[n_out] = cost
-            out_volume[n_out] = extra[0]
-            out_share[n_out] = extra[1]
-            n_out += 1
-            if is_final and cost + margin < bound:
-                bound = cost + margin
-    return n_out, bound, checks, is_complete
-
-
-@kernel
-def join_extras(
-    n_parts, parts, part_cost, n_lists, sizes, metres, n_extra, observed, wavelength, constant, linear,
-    quadratic, centre, turn, information, inverse, rank, bound, margin, max_checks, out, out_cost, out_volume,
-    out_share, out_extra,
-):  # fmt: skip
-    """Complete the candidates of all lists by the integers that the reference antenna has no part in.
-
-    `observed` and `wavelength` (n_extra,) are those of the extra rows, which come last in `linear`,
-    `quadratic` and `turn`; their integers are written into `out_extra`. Otherwise as `join`.
-    """
-    k = 3 * rank
-    n_before = 0
-    for u in range(n_lists):
-        n_before += sizes[u]
-    capacity = out_cost.shape[0]
-    e = n_extra
-    m = max(e, 1)
-    lower = np.empty((m, m))
-    diag = np.empty(m)
-    transform = np.empty((m, m))
-    back = np.empty((m, m))
-    covariance = np.empty((m, m))
-    if e > 0:
-        weights = np.empty((e, e))
-        scale = np.empty(e)
-        for i in range(e):
-            for j in range(e):
-                weights[i, j] = wavelength[i] * wavelength[j] * quadratic[n_before + i, n_before + j]
-            scale[i] = weights[i, i] * 1e-6
-        if invert_semidefinite(weights, e, scale, covariance) < e:
-            return 0, bound, 0, False
-        if decorrelate(covariance, e, lower, diag, transform, back) != 0:
-            return 0, bound, 0, False
-    block = np.zeros((3, 3))
-    sum_block = np.zeros((3, 3))
-    values = np.empty(3)
-    axes = np.empty((3, 3))
-    spectrum = np.empty(rank)
-    for c in range(rank):
-        for r in range(3):
-            for s in range(3):
-                block[r, s] = inverse[3 * c + r, 3 * c + s]
-                sum_block[r, s] += information[3 * c + r, 3 * c + s]
-        eigen_symmetric_3(block, values, axes)
-        spectrum[c] = values[2]
-    eigen_symmetric_3(sum_block, values, axes)
-    weak = np.empty(3)
-    for r in range(3):
-        weak[r] = axes[r, 0]
-    weakest = values[0]
-    for c in range(rank):
-        value = 0.0
-        for r in range(3):
-            for s in range(3):
-                value += weak[r] * information[3 * c + r, 3 * c + s] * weak[s]
-        weakest = min(weakest, value)
-    x_all = np.zeros(n_before + e)
-    x0 = np.empty(k)
-    x = np.empty(k)
-    other = np.empty(k)
-    hessian = np.empty((3, 3))
-    scratch = np.empty((3, 3))
-    extra = np.empty(2)
-    z_float = np.empty(m)
-    whole = np.empty(m)
-    z_found = np.empty((_EXTRA_CAPACITY, m))
-    z_cost = np.empty(_EXTRA_CAPACITY)
-    a = np.empty(m)
-    slope = np.empty(m)
-    n_out = 0
-    checks = 0
-    is_complete = True
-    order = np.empty(n_parts, np.int64)
-    sort_by_cost(n_parts, part_cost, order)
-    for index in range(n_parts):
-        part = order[index]
-        if part_cost[part] > bound:
-            break
-        p = 0
-        for u in range(n_lists):
-            for q in range(sizes[u]):
-                x_all[p] = metres[u, parts[part, u], q]
-                p += 1
-        # Float integers: the least of c_0 over the extra phases.
-        for i in range(e):
-            value = linear[n_before + i]
-            for q in range(n_before):
-                value += quadratic[n_before + i, q] * x_all[q]
-            slope[i] = value
-        for i in range(e):
-            value = 0.0
-            for j in range(e):
-                value += covariance[i, j] * wavelength[i] * wavelength[j] * slope[j]
-            x_all[n_before + i] = -value
-            value = (observed[i] + value) / wavelength[i]
-            whole[i] = np.floor(value + 0.5)
-            a[i] = value - whole[i]
-        least = constant
-        for i in range(n_before + e):
-            value = 2.0 * linear[i]
-            for q in range(n_before + e):
-                value += quadratic[i, q] * x_all[q]
-            least += value * x_all[i]
-        if least > bound:
-            continue
-        n_found = 1
-        z_cost[0] = 0.0
-        if e > 0:
-            for i in range(e):
-                value = 0.0
-                for j in range(e):
-                    value += transform[j, i] * a[j]
-                z_float[i] = value
-            n_found, nodes, status = enumerate_within(
-                e, lower, diag, z_float, bound - least, z_found, z_cost, max_checks
-            )
-            checks += nodes // 4
-            if status != 0:
-                is_complete = False
-        if checks > max_checks:
-            return n_out, bound, checks, False
-        for found in range(n_found):
-            c0 = least + z_cost[found]
-            for i in range(e):
-                value = whole[i]
-                for j in range(e):
-                    value += back[i, j] * z_found[found, j]
-                a[i] = np.floor(value + 0.5)
-                x_all[n_before + i] = observed[i] - wavelength[i] * a[i]
-            for i in range(k):
-                value = centre[i]
-                for q in range(n_before + e):
-                    value += turn[i, q] * x_all[q]
-                x0[i] = value
-            if c0 > bound or not is_near_rotation(rank, x0, inverse, spectrum, max(bound - c0, 0.0)):
-                continue
-            checks += 10
-            cost = minimise(
-                rank, information, x0, c0, bound, weak, weakest, x, other, hessian, scratch, extra
-            )
-            if cost > bound:
-                continue
-            if n_out == capacity:
-                return n_out, bound, checks, False
-            for u in range(n_lists):
-                out[n_out, u] = parts[part, u]
-            for i in range(e):
-                out_extra[n_out, i] = a[i]
-            out_cost[n_out] = cost
-            out_volume[n_out] = extra[0]
-            out_share[n_out] = extra[1]
-            n_out += 1
-            if cost + margin < bound:
-                bound = cost + margin
-    return n_out, bound, checks, is_complete
-
-
-@kernel
-def marginal_information(information, rhs, m, keep, out, out_rhs):
-    """Information on the unknowns flagged in `keep` (m,) with all others eliminated."""
-    n_drop = 0
-    n_keep = 0
-    drop_at = np.empty(m, np.int64)
-    keep_at = np.empty(m, np.int64)
-    for i in range(m):
-        if keep[i]:
-            keep_at[n_keep] = i
-            n_keep += 1
-        else:
-            drop_at[n_drop] = i
-            n_drop += 1
-    block = np.empty((max(n_drop, 1), max(n_drop, 1)))
-    inverse = np.empty((max(n_drop, 1), max(n_drop, 1)))
-    scale = np.empty(max(n_drop, 1))
-    for i in range(n_drop):
-        for j in range(n_drop):
-            block[i, j] = information[drop_at[i], drop_at[j]]
-        scale[i] = block[i, i]
-    invert_semidefinite(block, n_drop, scale, inverse)
-    gain = np.empty(max(n_drop, 1))
-    for i in range(n_keep):
-        for b in range(n_drop):
-            value = 0.0
-            for a in range(n_drop):
-                value += information[keep_at[i], drop_at[a]] * inverse[a, b]
-            gain[b] = value
-        value = rhs[keep_at[i]]
-        for b in range(n_drop):
-            value -= gain[b] * rhs[drop_at[b]]
-        out_rhs[i] = value
-        for j in range(n_keep):
-            value = information[keep_at[i], keep_at[j]]
-            for b in range(n_drop):
-                value -= gain[b] * information[drop_at[b], keep_at[j]]
-            out[i, j] = value
-
-
-@kernel
 def prior_weight(information, weight):
     """K of trace((R - R_p)' K (R - R_p)) that has this information on a small rotation of the attitude.
 
@@ -1363,45 +977,6 @@ def prior_weight(information, weight):
                 value -= axes[r, i] * values[i] * axes[s, i]
             weight[r, s] = value
     return half > 0.0
-
-
-@kernel
-def rotation_of_axes(rank, frame, x, rot):
-    """Attitude that turns the first `rank` axes of the body frame to x; of one axis, the most level one."""
-    full = np.zeros((3, 3))
-    for c in range(rank):
-        for r in range(3):
-            full[r, c] = x[3 * c + r]
-    if rank == 1:
-        least = 0
-        for r in range(1, 3):
-            if abs(full[r, 0]) < abs(full[least, 0]):
-                least = r
-        size = np.sqrt(1.0 - full[least, 0] ** 2)
-        for r in range(3):
-            full[r, 1] = ((1.0 if r == least else 0.0) - full[least, 0] * full[r, 0]) / size
-    if rank < 3:
-        full[0, 2] = full[1, 0] * full[2, 1] - full[2, 0] * full[1, 1]
-        full[1, 2] = full[2, 0] * full[0, 1] - full[0, 0] * full[2, 1]
-        full[2, 2] = full[0, 0] * full[1, 1] - full[1, 0] * full[0, 1]
-    for r in range(3):
-        for s in range(3):
-            rot[r, s] = full[r, 0] * frame[s, 0] + full[r, 1] * frame[s, 1] + full[r, 2] * frame[s, 2]
-    if rank == 1:
-        # Turn about the axis until the body's down is as near to down as it can be.
-        x0, x1, x2 = full[0, 0], full[1, 0], full[2, 0]
-        v0, v1, v2 = rot[0, 2], rot[1, 2], rot[2, 2]
-        dot = x0 * v0 + x1 * v1 + x2 * v2
-        across, level = x0 * v1 - x1 * v0, v2 - dot * x2
-        size = np.sqrt(across * across + level * level)
-        if size > 1e-12:
-            sine, cosine = across / size, level / size
-            for s in range(3):
-                v0, v1, v2 = rot[0, s], rot[1, s], rot[2, s]
-                dot = (1.0 - cosine) * (x0 * v0 + x1 * v1 + x2 * v2)
-                rot[0, s] = cosine * v0 + sine * (x1 * v2 - x2 * v1) + dot * x0
-                rot[1, s] = cosine * v1 + sine * (x2 * v0 - x0 * v2) + dot * x1
-                rot[2, s] = cosine * v2 + sine * (x0 * v1 - x1 * v0) + dot * x2
 
 
 @kernel
@@ -1458,23 +1033,18 @@ def search_array(
     for i in range(n):
         integers_out[i] = 0
     for i in range(N_COLUMNS):
-        row[i] = np.nan
-    row[N_NODES] = 0.0
-    row[N_CANDIDATES] = 0.0
-    row[N_LISTED] = 0.0
+        row[i] = 0.0 if i in (N_NODES, N_CANDIDATES, N_LISTED) else np.nan
     for r in range(3):
         for s in range(3):
             rot_out[r, s] = np.nan
             cov_out[r, s] = np.nan
-
-    # The reference antenna has most phases.
     has_phase = np.empty(n, np.bool_)
     has_code = np.empty(n, np.bool_)
     observed = np.empty(n)
     ranged = np.empty(n)
-    n_of_antenna = np.zeros(n_antennas, np.int64)
     weight = np.empty(n)
     code_weight = np.empty(n)
+    n_phases_of = np.zeros(n_antennas, np.int64)
     for i in range(n):
         has_phase[i] = phase[i] == phase[i]
         has_code[i] = code[i] == code[i]
@@ -1483,285 +1053,222 @@ def search_array(
         weight[i] = 1.0 / phase_variance[i] if has_phase[i] else 0.0
         code_weight[i] = 1.0 / code_variance[i] if has_code[i] else 0.0
         if has_phase[i]:
-            n_of_antenna[antenna[i]] += 1
-    reference = 0
+            n_phases_of[antenna[i]] += 1
+    # The reference antenna has most phases.
+    reference = np.int64(0)
     for a in range(n_antennas):
-        if n_of_antenna[a] > n_of_antenna[reference]:
+        if n_phases_of[a] > n_phases_of[reference]:
             reference = a
-    row[REFERENCE] = reference
     role = np.empty(n, np.int64)
     sees_reference = np.empty(n, np.int64)
-    spare = np.empty(n, np.int64)
-    reduce_rows(n, has_code, antenna, satellite, group, reference, n_antennas, ranged, spare, role)
+    reduce_rows(n, has_code, antenna, satellite, group, reference, n_antennas, ranged, role, sees_reference)
     reduce_rows(
         n, has_phase, antenna, satellite, group, reference, n_antennas, observed, role, sees_reference
     )
     offset = np.zeros(n)
-    n_listed_of = np.zeros(n_antennas, np.int64)
-    n_extra_of = np.zeros(n_antennas, np.int64)
-    n_extra = 0
+    n_own = np.zeros(n_antennas, np.int64)
+    n_integers = 0
     for i in range(n):
         if role[i] >= 0 or role[i] == EXTRA:
             offset[i] = np.floor(observed[i] / wavelength[i] + 0.5)
             observed[i] -= offset[i] * wavelength[i]
-            if role[i] >= 0:
-                n_listed_of[antenna[i]] += 1
-            else:
-                n_extra_of[antenna[i]] += 1
-                n_extra += 1
+            # One integer of a list counts for more than all others.
+            n_own[antenna[i]] += n if role[i] >= 0 else 1
+            n_integers += 1
+    row[REFERENCE] = reference
+    row[N_INTEGERS] = n_integers
+    if n_integers == 0:
+        return R_TOO_FEW_SATELLITES
 
-    # Slots: antennas with a list, those with most integers and the shortest first; then the others.
-    slot = np.empty(n_antennas, np.int64)
-    taken = np.zeros(n_antennas, np.int64)
-    of_slot = np.empty(n_antennas, np.int64)
+    # Slots of the antennas that take part: those with most integers in lists, and the shortest, first.
+    slot = np.full(n_antennas, -1, np.int64)
     vectors = np.zeros((n_antennas, 3))
+    sizes = np.zeros(n_antennas, np.int64)
+    first_row = np.zeros(n_antennas + 1, np.int64)
+    integer_row = np.empty(n_integers, np.int64)
+    n_full = np.int64(0)
     n_lists = 0
-    n_slots = 0
-    for t in range(n_antennas - 1):
-        best, best_square = -1, 0.0
+    n_most = 1
+    tolerance = 2.0 * position_sd
+    n_listed = 0
+    while True:
+        best, shortest = -1, 0.0
         for a in range(n_antennas):
-            if a == reference or taken[a] == 1:
+            if a == reference or slot[a] >= 0 or n_own[a] == 0:
                 continue
             square = 0.0
             for r in range(3):
                 square += (body[a, r] - body[reference, r]) ** 2
-            if (
-                best < 0
-                or n_listed_of[a] > n_listed_of[best]
-                or (n_listed_of[a] == n_listed_of[best] and square < best_square)
-            ):
-                best, best_square = a, square
-        taken[best] = 1
-        slot[best] = t
-        of_slot[t] = best
+            if best < 0 or n_own[a] > n_own[best] or (n_own[a] == n_own[best] and square < shortest):
+                best, shortest = a, square
+        if best < 0:
+            break
+        slot[best] = n_full
+        tolerance = max(tolerance, 1e-6 * np.sqrt(shortest))
         for r in range(3):
-            vectors[t, r] = body[best, r] - body[reference, r]
-        if n_listed_of[best] > 0 and best_square > 0.0:
-            n_lists += 1
-    slot[reference] = -1
-    n_slots = n_antennas - 1
-    m_all = 3 * n_slots
-
-    # What the codes say of all vectors.
-    code_information = np.zeros((m_all, m_all))
-    code_rhs = np.zeros(m_all)
-    projector = np.empty((n, n))
-    project_rows(n, has_code, antenna, satellite, group, code_weight, n_antennas, projector)
-    for i in range(n):
-        t = slot[antenna[i]]
-        if not has_code[i] or t < 0:
-            continue
-        for j in range(n):
-            value = projector[i, j]
-            u = slot[antenna[j]]
-            if value == 0.0 or not has_code[j]:
-                continue
-            for r in range(3):
-                code_rhs[3 * t + r] += design[i, r] * value * ranged[j]
-                if u >= 0:
-                    for s in range(3):
-                        code_information[3 * t + r, 3 * u + s] += design[i, r] * value * design[j, s]
-    # Who takes part: those with a list, with an integer of their own, or with a code that says something.
-    n_full = n_lists
-    for t in range(n_lists, n_slots):
-        a = of_slot[t]
-        trace = 0.0
-        for r in range(3):
-            trace += code_information[3 * t + r, 3 * t + r]
-        if n_extra_of[a] == 0 and not trace > 1e-6:
-            continue
-        # Exchange with the first slot not yet known to take part.
-        u = n_full
-        if u != t:
-            b = of_slot[u]
-            of_slot[u], of_slot[t] = a, b
-            slot[a], slot[b] = u, t
-            for r in range(3):
-                vectors[u, r], vectors[t, r] = vectors[t, r], vectors[u, r]
-                p, q = 3 * u + r, 3 * t + r
-                code_rhs[p], code_rhs[q] = code_rhs[q], code_rhs[p]
-                for s in range(m_all):
-                    code_information[p, s], code_information[q, s] = (
-                        code_information[q, s], code_information[p, s],
-                    )  # fmt: skip
-            for r in range(3):
-                p, q = 3 * u + r, 3 * t + r
-                for s in range(m_all):
-                    code_information[s, p], code_information[s, q] = (
-                        code_information[s, q], code_information[s, p],
-                    )  # fmt: skip
-        n_full += 1
-    for t in range(n_full, n_slots):
-        slot[of_slot[t]] = -1
-    is_partial = n_extra > 0 or n_full > n_lists
-    n_integers = n_extra
-    sizes = np.zeros(max(n_lists, 1), np.int64)
-    first_row = np.zeros(max(n_lists, 1), np.int64)
-    integer_row = np.empty(n, np.int64)
-    p = 0
-    n_most = 1
-    for t in range(n_lists):
-        first_row[t] = p
+            vectors[n_full, r] = body[best, r] - body[reference, r]
         for i in range(n):
-            if role[i] == of_slot[t]:
-                integer_row[p] = i
-                p += 1
-        sizes[t] = p - first_row[t]
-        n_most = max(n_most, sizes[t])
-    n_in_lists = p
+            if role[i] == best:
+                integer_row[n_listed] = i
+                n_listed += 1
+        sizes[n_full] = n_listed - first_row[n_full]
+        first_row[n_full + 1] = n_listed
+        if sizes[n_full] > 0:
+            n_lists += 1
+            n_most = max(n_most, sizes[n_full])
+        n_full += 1
+    n_extra = n_integers - n_listed
     for i in range(n):
         if role[i] == EXTRA:
-            integer_row[p] = i
-            p += 1
-    n_integers = p
-    row[N_INTEGERS] = n_integers
-    if n_integers == 0:
-        return R_TOO_FEW_SATELLITES
-    m_full = 3 * n_full
-    scale = np.empty(max(m_all, 1))
-    spread = np.empty((max(m_all, 1), max(m_all, 1)))
-    for i in range(m_full):
-        scale[i] = code_information[i, i]
-    code_rank = invert_semidefinite(code_information, m_full, scale, spread)
-    tolerance = 0.0
-    for t in range(n_full):
-        square = vectors[t, 0] ** 2 + vectors[t, 1] ** 2 + vectors[t, 2] ** 2
-        tolerance = max(tolerance, 1e-6 * np.sqrt(square))
-    tolerance = max(tolerance, 2.0 * position_sd)
+            integer_row[n_listed] = i
+            n_listed += 1
+    observed_of = np.empty(n_integers)
+    wavelength_of = np.empty(n_integers)
+    for p in range(n_integers):
+        observed_of[p] = observed[integer_row[p]]
+        wavelength_of[p] = wavelength[integer_row[p]]
+
+    # What the codes say of the vectors of those that take part.
+    m = 3 * n_full
+    use = np.empty(n, np.bool_)
+    slot_now = np.empty(n_antennas, np.int64)
+    for i in range(n):
+        use[i] = has_code[i] and (antenna[i] == reference or slot[antenna[i]] >= 0)
+    projector = np.empty((n, n))
+    project_rows(n, use, antenna, satellite, group, code_weight, n_antennas, projector)
+    code_information = np.zeros((m, m))
+    code_rhs = np.zeros(m)
+    for i in range(n):
+        t = 3 * slot[antenna[i]]
+        for j in range(n):
+            value = projector[i, j]
+            u = 3 * slot[antenna[j]]
+            if value == 0.0 or t < 0:
+                continue
+            for r in range(3):
+                code_rhs[t + r] += design[i, r] * value * ranged[j]
+                if u >= 0:
+                    for s in range(3):
+                        code_information[t + r, u + s] += design[i, r] * value * design[j, s]
+    scale = np.empty(m)
+    work = np.empty((m, m))
+    for p in range(m):
+        scale[p] = code_information[p, p]
+    code_rank = invert_semidefinite(code_information, m, scale, work)
+    code_constant = 0.0
+    for p in range(m):
+        for q in range(m):
+            code_constant += code_rhs[p] * work[p, q] * code_rhs[q]
     prior = np.empty((3, 3))
     has_prior = prior_weight(prior_information, prior)
     frame = np.zeros((3, 3))
-    full_rank = body_frame(n_full, vectors, tolerance, frame)
-    if full_rank == 0:
+    rank = body_frame(n_full, vectors, tolerance, frame)
+    if rank == 0:
         return R_WEAK_GEOMETRY
     if has_prior:
-        full_rank = 3
-    row[RANK] = full_rank
-    dof = n_integers + code_rank - (2 if full_rank == 1 else 3) + (3 if has_prior else 0)
+        rank = 3
+    dof = n_integers + code_rank - (2 if rank == 1 else 3) + (3 if has_prior else 0)
+    row[RANK] = rank
     row[DOF] = dof
-    variance = position_sd * position_sd
-    shell_variance = (4.0 if has_prior else 2.0) * variance
 
-    use = np.empty(n, np.bool_)
-    slot_now = np.empty(n_antennas, np.int64)
-    keep = np.zeros(max(m_all, 1), np.bool_)
-    part_information = np.zeros((max(m_all, 1), max(m_all, 1)))
-    part_rhs = np.zeros(max(m_all, 1))
     linear = np.zeros(n_integers)
     quadratic = np.zeros((n_integers, n_integers))
     information = np.zeros((9, 9))
     inverse = np.zeros((9, 9))
     centre = np.zeros(9)
     turn = np.zeros((9, n_integers))
-    counts = np.zeros(max(n_lists, 1), np.int64)
-    metres = np.empty((max(n_lists, 1), _LIST_CAPACITY, n_most))
-    integers = np.empty((max(n_lists, 1), _LIST_CAPACITY, n_most))
-    list_costs = np.empty((max(n_lists, 1), _LIST_CAPACITY))
-    z_out = np.empty((_LIST_CAPACITY, n_most))
-    z_cost = np.empty(_LIST_CAPACITY)
-    width = max(n_lists, 1)
+    width = n_lists + 1
+    counts = np.zeros(width, np.int64)
+    metres = np.empty((width, _LIST_CAPACITY, n_most))
+    integers = np.empty((width, _LIST_CAPACITY, n_most))
+    list_costs = np.empty((width, _LIST_CAPACITY))
     parts = np.zeros((_PART_CAPACITY, width), np.int64)
     part_cost = np.zeros(_PART_CAPACITY)
     out = np.zeros((_PART_CAPACITY, width), np.int64)
     out_cost = np.empty(_PART_CAPACITY)
     out_volume = np.empty(_PART_CAPACITY)
     out_share = np.empty(_PART_CAPACITY)
-    out_extra = np.zeros((_PART_CAPACITY if n_extra > 0 else 1, max(n_extra, 1)))
-    extra_observed = np.empty(max(n_extra, 1))
-    extra_wavelength = np.empty(max(n_extra, 1))
-    for i in range(n_extra):
-        extra_observed[i] = observed[integer_row[n_in_lists + i]]
-        extra_wavelength[i] = wavelength[integer_row[n_in_lists + i]]
+    most = max(n_most, n_extra)
+    new_metres = np.empty((_TREE_CAPACITY, most))
+    new_integers = np.empty((_TREE_CAPACITY, most))
+    extra_metres = np.empty((_PART_CAPACITY, max(n_extra, 1)))
+    extra_integers = np.empty((_PART_CAPACITY, max(n_extra, 1)))
+    best_frame = np.zeros((3, 3))
+    hessian = np.zeros((3, 3))
+    variance = position_sd * position_sd
     nodes = 0
-    bound = min(dof + 10.0, reach)
-    complete_to = bound
-    constant = 0.0
-    rank = 1
+    n_out = np.int64(0)
     best = -1
-    n_out = 0
     reason = R_OK
+    bound = min(dof + 10.0, reach)
+    limit = bound
     while True:
-        is_complete = True
-        for t in range(n_lists):
-            for i in range(m_full):
-                keep[i] = i // 3 == t
-            marginal_information(code_information, code_rhs, m_full, keep, part_information, part_rhs)
-            length = np.sqrt(vectors[t, 0] ** 2 + vectors[t, 1] ** 2 + vectors[t, 2] ** 2)
-            if has_prior:
-                stiffest = prior[0, 0] + prior[1, 1] + prior[2, 2]
-                share = 1.0 / (length * length + shell_variance * stiffest)
-                for r in range(3):
-                    for s in range(3):
-                        part_information[r, s] += share * prior[r, s]
-                        for q in range(3):
-                            part_rhs[r] += share * prior[r, s] * prior_rot[s, q] * vectors[t, q]
-            count, visited, whole = list_baseline(
-                n, sizes[t], integer_row[first_row[t] : first_row[t] + sizes[t]], antenna, satellite, group,
-                reference, role, sees_reference, observed, wavelength, phase_variance, design,
-                part_information, part_rhs, length, shell_variance, bound, max_nodes - nodes, z_out, z_cost,
-            )  # fmt: skip
-            nodes += visited
-            is_complete = is_complete and whole
-            counts[t] = count
-            for k in range(count):
-                list_costs[t, k] = z_cost[k]
-                for j in range(sizes[t]):
-                    i = integer_row[first_row[t] + j]
-                    integers[t, k, j] = z_out[k, j]
-                    metres[t, k, j] = observed[i] - wavelength[i] * z_out[k, j]
-        # Join list after list; the last one, or what follows it, decides.
-        n_parts = 1
-        part_cost[0] = 0.0
+        # Steps 0 .. n_lists - 1 make the lists; then list by list is joined, and what no list has.
         limit = bound
-        for t in range(n_lists + 1):
-            is_last = t == n_lists
-            if (is_last and not is_partial) or not is_complete:
+        n_parts = np.int64(1)
+        is_complete = True
+        for step in range(2 * n_lists + 1):
+            is_list = step < n_lists
+            is_extra = step == 2 * n_lists
+            t = step if is_list else step - n_lists
+            if (is_extra and n_extra == 0) or not is_complete:
                 continue
-            if not is_last and t == 0 and (n_lists > 1 or is_partial):
+            if step == n_lists and (n_lists > 1 or n_extra > 0):
+                # The first list is what others are joined to.
                 n_parts = counts[0]
                 for k in range(n_parts):
                     parts[k, 0] = k
                     part_cost[k] = list_costs[0, k]
                 continue
-            is_final = is_last or (t == n_lists - 1 and not is_partial)
-            n_now = n_full if is_last else t + 1
+            is_final = is_extra or (step == 2 * n_lists - 1 and n_extra == 0)
+            # The subset: its antennas, their vectors, and the place of its integers.
+            begin = t if is_list else np.int64(0)
+            end = n_full if is_extra else t + 1
+            first = first_row[t] if is_list else 0
+            last = n_integers if is_extra else first_row[t + 1]
             for a in range(n_antennas):
-                slot_now[a] = slot[a] if slot[a] < n_now else -1
+                slot_now[a] = slot[a] if slot[a] >= begin and slot[a] < end else -1
             for i in range(n):
-                a = antenna[i]
-                if is_last:
-                    use[i] = has_phase[i] and (a == reference or slot_now[a] >= 0)
-                else:
-                    use[i] = sees_reference[i] == 1 and has_phase[i] and (a == reference or slot_now[a] >= 0)
-            for i in range(m_full):
-                keep[i] = i < 3 * n_now
-            marginal_information(code_information, code_rhs, m_full, keep, part_information, part_rhs)
-            rank = body_frame(n_now, vectors, tolerance, frame)
+                use[i] = (
+                    has_phase[i]
+                    and (antenna[i] == reference or slot_now[antenna[i]] >= 0)
+                    and (is_extra or sees_reference[i] == 1)
+                )
+            rank = body_frame(end - begin, vectors[begin:end], tolerance, frame)
             if is_final and has_prior:
                 rank = 3
-            n_unknown = n_integers if is_last else first_row[t] + sizes[t]
+            mu = bound + 10.0 if is_list else _MU
             constant = prepare_subset(
-                n, use, integer_row, n_unknown, antenna, satellite, group, weight, design, slot_now, n_now,
-                n_antennas, part_information, part_rhs, vectors, variance, rank, frame, prior, prior_rot, _MU,
-                information, inverse, centre, turn, quadratic, linear,
+                n, use, integer_row[first:last], last - first, antenna, satellite, group, weight, design,
+                slot_now, begin, end, n_full, n_antennas, code_information, code_rhs, code_constant, vectors,
+                variance, rank, frame, prior, prior_rot, mu, information, inverse, centre, turn, quadratic,
+                linear,
             )  # fmt: skip
-            if is_last:
-                n_out, limit, visited, whole = join_extras(
-                    n_parts, parts, part_cost, n_lists, sizes, metres, n_extra, extra_observed,
-                    extra_wavelength, constant, linear, quadratic, centre, turn, information, inverse, rank,
-                    limit, margin, max_nodes - nodes, out, out_cost, out_volume, out_share, out_extra,
-                )  # fmt: skip
-            else:
-                n_out, limit, visited, whole = join(
-                    n_parts, parts, part_cost, t, t, counts, sizes, metres, constant, linear, quadratic,
-                    centre, turn, information, inverse, rank, limit, margin, is_final, max_nodes - nodes,
-                    out, out_cost, out_volume, out_share,
-                )  # fmt: skip
+            # What is joined to what, and where the result goes.
+            old, count, cost_to = t, counts[t], out_cost
+            new_from, metres_to, integers_to = metres[t], extra_metres, extra_integers
+            start = first_row[t]
+            if is_list:
+                n_parts = np.int64(1)
+                part_cost[0] = 0.0
+                old, cost_to, metres_to, integers_to = np.int64(0), list_costs[t], metres[t], integers[t]
+            if is_extra:
+                old, start = n_lists, first_row[n_lists]
+            if is_list or is_extra:
+                count, new_from = np.int64(-1), new_metres
+            n_out, limit, visited, whole = join(
+                n_parts, parts, part_cost, old, sizes, metres, t, last - start, count, new_from, new_integers,
+                observed_of[start:last], wavelength_of[start:last], constant, linear, quadratic, centre, turn,
+                information, inverse, rank, limit, margin, is_list, is_final, max_nodes - nodes, out, cost_to,
+                out_volume, out_share, metres_to, integers_to, best_frame, hessian,
+            )  # fmt: skip
             nodes += visited
             is_complete = is_complete and whole
-            if not is_final:
+            if is_list:
+                counts[t] = n_out
+            elif not is_final:
                 n_parts = n_out
-                for k in range(n_parts):
+                for k in range(n_out):
                     part_cost[k] = out_cost[k]
                     for u in range(t + 1):
                         parts[k, u] = out[k, u]
@@ -1772,112 +1279,62 @@ def search_array(
         for k in range(n_out):
             if best < 0 or out_cost[k] < out_cost[best]:
                 best = k
-        complete_to = limit
-        if best >= 0:
-            wanted = out_cost[best] + margin
-            if wanted <= bound + 1e-9:
-                complete_to = min(limit, wanted)
-                break
-            bound = wanted
-        elif bound >= reach:
+        if best >= 0 and out_cost[best] + margin <= bound:
             break
-        else:
-            bound = min(2.0 * bound + 10.0, reach)
+        if best < 0 and bound >= reach:
+            reason = R_NO_CANDIDATE
+            break
+        bound = out_cost[best] + margin if best >= 0 else min(2.0 * bound + 10.0, reach)
     row[N_NODES] = nodes
     if reason != R_OK:
         return reason
-    if best < 0:
-        return R_NO_CANDIDATE
-    least = out_cost[best]
+
     mass = 0.0
-    second = complete_to
-    n_candidates = 0
-    for k in range(n_out):
-        if out_cost[k] <= complete_to:
-            n_candidates += 1
-            mass += out_volume[k] * np.exp(0.5 * (least - out_cost[k]))
-            if k != best:
-                second = min(second, out_cost[k])
-    row[COST] = least
-    row[SECOND_COST] = second
+    order = np.empty(n_out, np.int64)
+    sort_by_cost(n_out, out_cost, order)
+    n_listed = 0
+    row[COMPLETE_TO] = limit
+    row[SECOND_COST] = limit
+    for place in range(n_out):
+        k = order[place]
+        if out_cost[k] > limit:
+            break
+        row[N_CANDIDATES] += 1.0
+        mass += out_volume[k] * np.exp(0.5 * (out_cost[best] - out_cost[k]))
+        if place == 1:
+            row[SECOND_COST] = out_cost[k]
+        if place >= list_cost.shape[0]:
+            if place == list_cost.shape[0] and place > 0:
+                row[COMPLETE_TO] = out_cost[k]
+            if place > 0:
+                continue
+        else:
+            list_cost[place] = out_cost[k]
+            list_volume[place] = out_volume[k]
+            row[N_LISTED] += 1.0
+            for i in range(n):
+                list_integers[place, i] = 0
+        for t in range(width):
+            for j in range(n_extra if t == n_lists else sizes[t]):
+                p = first_row[n_lists] + j if t == n_lists else first_row[t] + j
+                i = integer_row[p]
+                value = extra_integers[k, j] if t == n_lists else integers[t, out[k, t], j]
+                whole_cycles = np.int64(offset[i] + value)
+                if place == 0:
+                    integers_out[i] = whole_cycles
+                if place < list_cost.shape[0]:
+                    list_integers[place, i] = whole_cycles
+    row[COST] = out_cost[best]
     row[PROBABILITY] = out_volume[best] / mass
     row[ATTITUDE_SHARE] = out_share[best]
-    row[N_CANDIDATES] = n_candidates
-    row[COMPLETE_TO] = complete_to
-    for t in range(n_lists):
-        for j in range(sizes[t]):
-            i = integer_row[first_row[t] + j]
-            integers_out[i] = np.int64(offset[i] + integers[t, out[best, t], j])
-    for j in range(n_extra):
-        i = integer_row[n_in_lists + j]
-        integers_out[i] = np.int64(offset[i] + out_extra[best, j])
-    # The winner's attitude.
-    x_all = np.empty(n_integers)
-    for p in range(n_integers):
-        i = integer_row[p]
-        x_all[p] = observed[i] - wavelength[i] * (integers_out[i] - offset[i])
-    k = 3 * rank
-    x0 = np.empty(k)
-    c0 = constant
-    for p in range(n_integers):
-        value = 2.0 * linear[p]
-        for q in range(n_integers):
-            value += quadratic[p, q] * x_all[q]
-        c0 += value * x_all[p]
-    for i in range(k):
-        x0[i] = centre[i]
-        for q in range(n_integers):
-            x0[i] += turn[i, q] * x_all[q]
-    x = np.empty(k)
-    other = np.empty(k)
-    hessian = np.empty((3, 3))
-    scratch = np.empty((3, 3))
-    extra = np.empty(2)
-    weak = np.zeros(3)
-    block = np.zeros((3, 3))
-    values = np.empty(3)
-    axes = np.empty((3, 3))
-    for c in range(rank):
-        for r in range(3):
-            for s in range(3):
-                block[r, s] += information[3 * c + r, 3 * c + s]
-    eigen_symmetric_3(block, values, axes)
     for r in range(3):
-        weak[r] = axes[r, 0]
-    zero = 0.0
-    minimise(rank, information, x0, c0, np.inf, weak, zero, x, other, hessian, scratch, extra)
-    rotation_of_axes(rank, frame, x, rot_out)
-    for r in range(3):
-        values[r] = 1e-6 * hessian[r, r]
-    invert_semidefinite(hessian, 3, values, cov_out)
+        for s in range(3):
+            rot_out[r, s] = 0.0
+            for c in range(3):
+                rot_out[r, s] += best_frame[r, c] * frame[s, c]
+    invert_semidefinite(hessian, hessian.shape[0], np.zeros(3), cov_out)
     if rank == 1:
         for r in range(3):
             for s in range(3):
-                cov_out[r, s] -= x[r] * x[s]
-    # The list.
-    capacity = list_cost.shape[0]
-    if capacity > 0:
-        order = np.empty(n_out, np.int64)
-        sort_by_cost(n_out, out_cost, order)
-        n_listed = 0
-        for p in range(n_out):
-            j = order[p]
-            if out_cost[j] > complete_to:
-                break
-            if n_listed == capacity:
-                row[COMPLETE_TO] = out_cost[j]
-                break
-            for i in range(n):
-                list_integers[n_listed, i] = 0
-            for t in range(n_lists):
-                for q in range(sizes[t]):
-                    i = integer_row[first_row[t] + q]
-                    list_integers[n_listed, i] = np.int64(offset[i] + integers[t, out[j, t], q])
-            for q in range(n_extra):
-                i = integer_row[n_in_lists + q]
-                list_integers[n_listed, i] = np.int64(offset[i] + out_extra[j, q])
-            list_cost[n_listed] = out_cost[j]
-            list_volume[n_listed] = out_volume[j]
-            n_listed += 1
-        row[N_LISTED] = n_listed
+                cov_out[r, s] -= best_frame[r, 0] * best_frame[s, 0]
     return reason

@@ -4,8 +4,9 @@ Objective of the integers N of one epoch, up to a constant (Teunissen 2012; Gior
 
     C(N) = min over R in SO(3) of the weighted square sum of all rows,
 
-every satellite constant and clock eliminated: the weighted residuals of the adjustment of the attitude with the integers known, less those of the codes
-alone. The body coordinates enter as they are, lengths, angles and handedness, and are never linearised;
+every satellite constant and clock eliminated: the weighted residuals of the adjustment of the attitude with
+the integers known, less those of the codes alone. The body coordinates enter as they are, lengths,
+angles and handedness, and are never linearised;
 where they are uncertain, the vectors R l + d deviate from them by d of the covariance that the coordinates
 have. Found is the exact optimum and every candidate within a margin of it (see the compiled search).
 
