@@ -72,8 +72,8 @@ MAX_ITERATIONS = 8
 _SETTLED = 1e-8
 """Square of the last step over the variance at which the iteration ends: a ten-thousandth of an sd."""
 
-_FLAT = 1e-8
-"""Determinant of the information on the attitude over the cube of its mean; below, an axis is free."""
+_WEAK = 1e-3
+"""Share of the determinant of an epoch's information on the attitude; with less left, an axis is free."""
 
 _EMPTY = 1e-6
 """Columns shorter than this share of the longest hold rounding only."""
@@ -578,6 +578,21 @@ def eliminate(rows, y, n_rows, n_columns, first, count):
 
 
 @kernel
+def information_volume(design, n_rows):
+    """Determinant of the information that rows have on the attitude."""
+    n00, n01, n02, n11, n12, n22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for row in range(n_rows):
+        x, y, z = design[row, 0], design[row, 1], design[row, 2]
+        n00 += x * x
+        n01 += x * y
+        n02 += x * z
+        n11 += y * y
+        n12 += y * z
+        n22 += z * z
+    return n00 * (n11 * n22 - n12 * n12) - n01 * (n01 * n22 - n12 * n02) + n02 * (n01 * n12 - n11 * n02)
+
+
+@kernel
 def log_event(which, numbers, carried, epoch, kind, antenna, statistic, limit):
     """Note what happened, as long as there is room."""
     n = carried[N_EVENTS]
@@ -733,6 +748,7 @@ def filter_epochs(
             is_good = invert_3(prior, prior_inverse)
             passes = 0
             any_rejected = False
+            volume = 0.0
             while r > 0 and is_good:
                 is_good = estimate(
                     a_rows, a_y, r, body, m, rot, prior_inverse, eta, turned, jacobian, design_p, design,
@@ -748,6 +764,7 @@ def filter_epochs(
                     values, found, is_fit,
                 )  # fmt: skip
                 if passes == 0:
+                    volume = information_volume(design, r)
                     statistics[k, CHI2] = found[0]
                     statistics[k, CHI2_LIMIT] = global_limits[r]
                     statistics[k, DOF] = r
@@ -770,22 +787,10 @@ def filter_epochs(
             if not is_good:
                 r = 0
                 any_rejected = True
+            # Does what is left hold all three axes by itself? If not, a wrong prediction would stay wrong.
+            is_weak = any_rejected
             if any_rejected and r > 0:
-                # Does what is left hold all three axes by itself? If not, a wrong state would stay wrong.
-                for i in range(3):
-                    for j in range(3):
-                        normal[i, j] = 0.0
-                        for row in range(r):
-                            normal[i, j] += design[row, i] * design[row, j]
-                mean = (normal[0, 0] + normal[1, 1] + normal[2, 2]) / 3.0
-                volume = (
-                    normal[0, 0] * (normal[1, 1] * normal[2, 2] - normal[1, 2] * normal[2, 1])
-                    - normal[0, 1] * (normal[1, 0] * normal[2, 2] - normal[1, 2] * normal[2, 0])
-                    + normal[0, 2] * (normal[1, 0] * normal[2, 1] - normal[1, 1] * normal[2, 0])
-                )
-                is_weak = volume <= _FLAT * mean * mean * mean
-            else:
-                is_weak = any_rejected
+                is_weak = information_volume(design, r) <= _WEAK * volume
             n_rejected = carried[N_REJECTED] + 1 if is_weak else 0
             if (
                 n_rejected >= switches[LOCK_OUT_EPOCHS]

@@ -38,7 +38,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import ConfigError, ModelError
-from ..rotations import skew
+from ..rotations import exp_so3, log_so3, skew
 from .array_vectors import ArrayVectors, VectorBlock
 from .filter_run import FilterRun
 from .filter_state import AttitudeFilterSettings, FilteredAttitude, FilterState, FilterStatus
@@ -56,14 +56,15 @@ __all__ = [
 
 
 class Innovation(NamedTuple):
-    """Innovation of epochs with the same antennas: e epochs, k vectors, linearised about the prediction.
+    """Innovation of e epochs with the same k vectors, linearised about the updated attitude.
 
     Parameters
     ----------
     innovation_m : ndarray, shape (e, 3 k)
-        Measured less predicted vectors, in north, east, down.
+        Measured less predicted vectors, in north, east, down; the prediction is the linear one, so that the
+        curvature of a large correction is not taken for an error.
     design : ndarray, shape (e, 3 k, 6)
-        Derivative of the vectors to rotation (body axes, rad) and rate.
+        Derivative of the vectors to rotation (predicted body axes, rad) and rate.
     predicted_cov : ndarray, shape (e, 6, 6)
         Covariance of the prediction.
     noise_cov_m2 : ndarray, shape (e, 3 k, 3 k)
@@ -163,8 +164,10 @@ def innovations(
     Raises
     ------
     ModelError
-        If the predictions were not kept.
+        If the predictions were not kept, or the attitudes are smoothed.
     """
+    if filtered.settings.direction == "smoother":
+        raise ModelError("a smoothed run has no innovations; filter it forward or backward")
     if filtered.predicted_cov is None:
         raise ModelError("the filter did not keep its predictions; set `keep_predictions`")
     at = np.searchsorted(filtered.time_ns, vectors.time_ns)
@@ -175,20 +178,32 @@ def innovations(
         rows = at[block.epochs]
         rot, cov = filtered.predicted_rot[rows], filtered.predicted_cov[rows]
         k = len(block.antennas)
+        # About the updated attitude; where the epoch was left out, that is the prediction.
+        change = log_so3(np.swapaxes(rot, 1, 2) @ filtered.rot_ned_from_body[rows])
+        change[~np.isfinite(change)] = 0.0
+        rot = rot @ exp_so3(change)
         fitted = np.einsum("eij,kj->eki", rot, block.body_m)
         design = np.zeros((len(rows), 3 * k, 6))
-        design[:, :, :3] = (-rot[:, None] @ skew(block.body_m)).reshape(len(rows), 3 * k, 3)
+        slope = -(rot[:, None] @ skew(block.body_m)) @ _right_jacobian(change)[:, None]
+        design[:, :, :3] = slope.reshape(len(rows), 3 * k, 3)
+        innovation = (block.vector_ned_m - fitted).reshape(len(rows), 3 * k)
+        innovation += np.einsum("eij,ej->ei", design[:, :, :3], change)
         turned = np.einsum("eij,kjal,eml->ekiam", rot, block.body_cov_m2.reshape(k, 3, k, 3), rot)
         noise = block.cov_ned_m2 + turned.reshape(len(rows), 3 * k, 3 * k)
         crossed = cov @ np.swapaxes(design, 1, 2)
         total = design @ crossed + noise
         gain = np.swapaxes(np.linalg.solve(total, np.swapaxes(crossed, 1, 2)), 1, 2)
-        yield (
-            block,
-            Innovation(
-                (block.vector_ned_m - fitted).reshape(len(rows), 3 * k), design, cov, noise, total, gain
-            ),
-        )
+        yield block, Innovation(innovation, design, cov, noise, total, gain)
+
+
+def _right_jacobian(vector):
+    """J with exp([v + d]x) = exp([v]x) exp([J d]x) to first order in d; v of shape (n, 3)."""
+    angle = np.sqrt(np.sum(vector * vector, axis=-1))[..., None, None]
+    cross = skew(vector)
+    is_small = angle < 1e-2
+    safe = np.where(is_small, 1.0, angle)
+    second = np.where(is_small, 1.0 / 6.0 - angle**2 / 120.0, (safe - np.sin(safe)) / safe**3)
+    return np.eye(3) - 0.5 * np.sinc(0.5 * angle / np.pi) ** 2 * cross + second * (cross @ cross)
 
 
 def _regular_times(time_ns, rate_hz):

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Literal, NoReturn
 
-import msgspec
 import numpy as np
 
-from ..errors import ConfigError
+from ..config import AttitudeFilterSettings
 from .solution import EpochEvent
 
 __all__ = ["AttitudeFilterSettings", "FilterState", "FilterStatus", "FilteredAttitude"]
@@ -27,68 +24,6 @@ class FilterStatus(IntEnum):
     def label(self) -> str:
         """str: The word used in files: ``none``, ``predicted`` or ``updated``."""
         return self.name.lower()
-
-
-class AttitudeFilterSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What `filter_attitude` does."""
-
-    direction: Literal["forward", "backward", "smoother"] = "forward"
-    """``forward`` knows the past, ``backward`` the future, ``smoother`` both."""
-    process: Literal["continuous", "wang"] = "continuous"
-    """``continuous``: noise of the rates per time, whatever the epochs' interval; ``wang``: the same step at
-    every epoch, as printed by Wang and Lachapelle (2002), eq. 9."""
-    rate_noise_dps2_per_s: tuple[float, float, float] = (40.0, 40.0, 40.0)
-    """Variance that the rate about the forward, right and down axis gains in a second, (deg/s)^2/s. 40 is
-    2 deg/s in every 0.1 s."""
-    rate_step_dps: tuple[float, float, float] = (2.0, 2.0, 2.0)
-    """With ``process = "wang"``: standard deviation that every epoch adds to the rates, deg/s."""
-    initial_rate_sd_dps: float = 30.0
-    """Of the rate, which is taken as zero at a start."""
-    gate: bool = True
-    """Test the innovations and leave out what fails."""
-    significance: float = 0.001
-    """Of the local test (two-sided: 3.29) and of the vector-wise one (16.3)."""
-    power: float = 0.8
-    """With which all tests find an error of the size that the local test finds (B-method)."""
-    global_test: Literal["b_method", "significance"] = "b_method"
-    """Limit of the global test: of equal power with the local one (Baarda 1968), or of equal significance."""
-    max_passes: int = 4
-    """Antennas that may be left out of one epoch before all of it is."""
-    lock_out_epochs: int = 5
-    """Epochs in a row, what was left of which does not hold all three axes, after which the filter counts
-    as locked out."""
-    recovery: Literal["restart", "inflate", "none"] = "restart"
-    """After a lock-out: start anew by least squares, widen the covariance, or go on predicting."""
-    max_prediction_s: float = 10.0
-    """Longest time without an update; after it the filter starts anew."""
-    max_sd_deg: float = 30.0
-    """Attitudes less certain than this (root of the sum of the three variances) are not given out."""
-    output_rate_hz: float | None = None
-    """Give out attitudes at this rate, on whole multiples of its period in GPS time, instead of at the
-    epochs of the vectors."""
-    keep_predictions: bool = True
-    """Keep what was predicted before every update, which `innovations` needs."""
-
-    def __post_init__(self) -> None:
-        def refuse(key: str, wanted: str) -> NoReturn:
-            value = getattr(self, key)
-            raise ConfigError(f"`{key}` is {value!r}; give {wanted}", key=key, value=value)
-
-        for key in ("rate_noise_dps2_per_s", "rate_step_dps"):
-            if not all(0.0 < value < math.inf for value in getattr(self, key)):
-                refuse(key, "three positive numbers")
-        for key in ("initial_rate_sd_dps", "max_prediction_s", "max_sd_deg"):
-            if not 0.0 < getattr(self, key) < math.inf:
-                refuse(key, "a positive number")
-        if not 0.0 < self.significance < 1.0:
-            refuse("significance", "a share between 0 and 1")
-        if not self.significance < self.power < 1.0:
-            refuse("power", "a share between `significance` and 1")
-        for key in ("max_passes", "lock_out_epochs"):
-            if getattr(self, key) < 1:
-                refuse(key, "1 or more")
-        if self.output_rate_hz is not None and not 0.0 < self.output_rate_hz <= 10_000.0:
-            refuse("output_rate_hz", "a rate up to 10000 Hz, or leave it out")
 
 
 @dataclass(slots=True, eq=False)
