@@ -6,8 +6,8 @@ The difference d of the two, with covariance Q = C_measured + C_declared, is kno
 
 is chi-square of 3 m - 6 degrees of freedom where both describe one array. If antenna a is not where it is
 declared, adding its three coordinates to the unknowns, G -> [G, H_a], lowers T by a chi-square of three (of
-what is observable of them), and the added unknowns are the displacement. The antenna that lowers T most is
-held to be elsewhere, provided that it explains what is there; the rest is tested again.
+what is observable of them), and the added unknowns are the displacement. The fewest antennas that bring T
+below its limit are held to be elsewhere, provided that no others do it nearly as well.
 
 Reference: W. Baarda, "A testing procedure for use in geodetic networks", Netherlands Geodetic Commission 2
 (1968), in the form of multivariate alternatives.
@@ -16,6 +16,7 @@ Reference: W. Baarda, "A testing procedure for use in geodetic networks", Nether
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -23,6 +24,9 @@ from ..ambiguity.acceptance import chi2_quantile
 from .body_frame import motion_jacobian
 
 __all__ = ["DeclaredCheck", "check_declared"]
+
+CLEARLY_WORSE = 13.8
+"""Another explanation must be worse by this much in chi-square, a likelihood ratio of a thousand."""
 
 MIN_SD_M = 1e-5
 """No coordinate is declared better than to a hundredth of a millimetre."""
@@ -53,7 +57,7 @@ class DeclaredCheck:
     is_wrong : ndarray of bool, shape (m,)
         Antennas that are not where they are declared.
     is_explained : bool
-        Whether what is left without them agrees.
+        Whether they explain the contradiction, and no others do.
     """
 
     names: tuple[str, ...]
@@ -87,8 +91,8 @@ class DeclaredCheck:
             return f"the declared coordinates agree with the measured ones ({test})"
         if not self.is_wrong.any():
             return (
-                f"the declared coordinates contradict the measured ones ({test}), and no single antenna is "
-                "to blame; measure them anew"
+                f"the declared coordinates contradict the measured ones ({test}), and which antenna "
+                "is elsewhere cannot be told; measure them anew"
             )
         parts = [
             f"{name} is off by {1e3 * np.linalg.norm(self.difference_m[k]):.1f} mm "
@@ -96,8 +100,10 @@ class DeclaredCheck:
             for k, name in enumerate(self.names)
             if self.is_wrong[k]
         ]
-        rest = "the others agree" if self.is_explained else "and the others contradict one another"
-        return f"the declared coordinates contradict the measured ones ({test}): {', '.join(parts)}; {rest}"
+        return (
+            f"the declared coordinates contradict the measured ones ({test}): {', '.join(parts)}; the others "
+            "agree"
+        )
 
     def in_frame(self, positions_m: np.ndarray, cov_m2: np.ndarray) -> DeclaredCheck:
         """The same outcome with differences in the final frame."""
@@ -186,23 +192,15 @@ def check_declared(positions_m, cov_m2, declared_m, declared_sd_m, names, *, sig
     drop_limit = np.array(
         [chi2_quantile(1.0 - significance / m, max(degrees - count, 1)) for _, count in single]
     )
-    rest, rest_degrees = total, degrees
-    while rest > limit(rest_degrees) and rest_degrees > 0:
-        tried = {k: left((*wrong, k)) for k in range(m) if k not in wrong}
-        # What is left must be testable, or any antenna could take the blame.
-        tried = {k: value for k, value in tried.items() if value[1] > 0}
-        if not tried:
+    explained = False
+    for size in range(1, m - 1) if total > limit(degrees) else ():
+        tried = sorted((left(some)[0], some) for some in combinations(range(m), size))
+        best, blamed = tried[0]
+        if best <= limit(left(blamed)[1]):
+            # Others must not explain the data nearly as well.
+            explained = tried[1][0] - best > CLEARLY_WORSE
+            wrong = list(blamed) if explained else []
             break
-        best = min(tried, key=lambda k: tried[k][0])
-        value, count = tried[best]
-        if rest - value < chi2_quantile(1.0 - significance / m, max(rest_degrees - count, 1)):
-            break
-        wrong.append(best)
-        rest, rest_degrees = value, count
-    explained = rest <= limit(rest_degrees) and rest_degrees > 0
-    if not explained:
-        # Antennas that are blamed, and after all explain nothing.
-        wrong = wrong if len(wrong) < max(m - 3, 1) else []
     is_wrong = np.zeros(m, bool)
     is_wrong[wrong] = True
     return DeclaredCheck(

@@ -311,9 +311,11 @@ class _Network:
                 raise NoSolutionError(
                     f"could not adjust the pointings: the rays to {mark} are of one station or parallel"
                 )
-            self.mark_m[k] = np.nanmedian(places, axis=0)
-            if not np.isfinite(self.mark_m[k]).all():
+            places = np.array(places)
+            has_height = np.isfinite(places[:, 2])
+            if not has_height.any():
                 raise NoSolutionError(f"could not adjust the pointings: no zenith angle to {mark}; read one")
+            self.mark_m[k] = np.median(places[has_height], axis=0)
 
     def _model(self):
         """Computed observations and their derivatives by all unknowns."""
