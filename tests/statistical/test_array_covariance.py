@@ -10,7 +10,7 @@ N = 10_000
 def test_covariance_and_residual_test_are_honest():
     solution = make_attitude(N, length_sd_m=0.0, residual_significance=0.01, seed=4)
     # Epochs without a baseline left out, of which the test takes its share of one per cent.
-    whole = solution.n_baselines == 3
+    whole = solution.n_antennas_used == 4
     angles = np.stack([solution.heading_rad, solution.pitch_rad, solution.roll_rad], axis=1)
     error = (angles - true_angles(N) + np.pi) % (2.0 * np.pi) - np.pi
     nees = np.einsum("ni,nij,nj->n", error[whole], np.linalg.inv(solution.cov_rad2[whole]), error[whole])

@@ -47,7 +47,7 @@ def test_vectors_without_noise_give_the_attitude_exactly():
     assert np.max(np.abs(errors_rad(solution))) < 1e-8
     assert solution.is_accepted.all()
     assert (solution.reason == Reason.OK).all()
-    np.testing.assert_array_equal(solution.n_baselines, 3)
+    np.testing.assert_array_equal(solution.n_antennas_used, 4)
 
 
 def test_two_vectors_are_enough():
@@ -113,11 +113,11 @@ def test_a_wrong_vector_of_four_antennas_is_left_out():
     wrong = np.arange(50, 80)
     baselines = with_vector_error(make_baselines(120), 1, wrong, [0.12, -0.1, 0.05])
     solution = make_attitude(baselines=baselines)
-    assert solution.is_excluded[wrong, 1].all()
+    assert solution.is_excluded[wrong, 2].all()
     assert not np.delete(solution.is_excluded, wrong, axis=0).any()
-    assert not solution.is_excluded[:, [0, 2]].any()
+    assert not solution.is_excluded[:, [0, 1, 3]].any()
     assert solution.is_accepted.all()
-    np.testing.assert_array_equal(solution.n_baselines[wrong], 2)
+    np.testing.assert_array_equal(solution.n_antennas_used[wrong], 3)
     np.testing.assert_array_equal(solution.excluded[wrong], "right")
     # Millimetres over one to two metres: five standard deviations of the worst angle.
     assert np.max(np.abs(errors_rad(solution))) < np.radians(3.0)
@@ -153,7 +153,7 @@ def test_a_dead_receiver_degrades_and_a_single_baseline_has_no_roll():
     baselines = without_epochs(baselines, 2, np.arange(60, 90))
     solution = make_attitude(baselines=baselines, length_sd_m=0.0)
     assert solution.is_accepted.all()
-    np.testing.assert_array_equal(solution.n_baselines, np.repeat([3, 2, 1], 30))
+    np.testing.assert_array_equal(solution.n_antennas_used, np.repeat([4, 3, 2], 30))
     # Only the baseline ahead is left: heading and pitch, and no roll.
     np.testing.assert_array_equal(solution.reason, np.repeat([0, 0, Reason.ROLL_UNOBSERVABLE], 30))
     assert np.isnan(solution.roll_rad[60:]).all()
@@ -215,7 +215,7 @@ def test_epochs_of_one_antenna_need_not_be_those_of_another():
         baselines, BODY_M, base_ns, names=NAMES, settings=GnssSettings(max_time_difference_s=0.01)
     )
     assert solution.n_epochs == 60
-    np.testing.assert_array_equal(solution.n_baselines, np.repeat([2, 3, 2], 20))
+    np.testing.assert_array_equal(solution.n_antennas_used, np.repeat([3, 4, 3], 20))
     np.testing.assert_array_equal(solution.time_ns, base_ns)
 
 
@@ -241,8 +241,8 @@ def test_a_baseline_that_only_its_length_holds_is_not_used():
     cov[20:25] = np.nan
     baselines[1] = replace(baselines[1], cov_enu_m2=cov)
     solution = make_attitude(baselines=baselines)
-    assert not solution.is_used[10:25, 1].any()
-    np.testing.assert_array_equal(solution.n_baselines, np.repeat([3, 2, 2, 3], [10, 10, 5, 15]))
+    assert not solution.is_used[10:25, 2].any()
+    np.testing.assert_array_equal(solution.n_antennas_used, np.repeat([4, 3, 3, 4], [10, 10, 5, 15]))
     alone = make_attitude(baselines=baselines[1:2], body_m=BODY_M[[0, 2]], names=NAMES[:2])
     assert (alone.reason[10:25] == Reason.WEAK_GEOMETRY).all()
 
