@@ -30,6 +30,7 @@ from truenorth.attitude.reliability import (
     least_squares_model,
     multiple_fault_risk,
     phase_reliability,
+    protection_level,
 )
 from truenorth.attitude.reliability.array_adaptation import fit_block
 from truenorth.attitude.reliability.array_reliability import antenna_shapes
@@ -153,9 +154,11 @@ def levels_without_faults(rng, n, risks):
         fitted = adjusted(vectors)
         error = errors(fitted, rot)
         total += BLOCK
+        sd = attitude_reliability(vectors, fitted).sd_rad
         for row, risk in enumerate(risks):
-            settings = ReliabilitySettings(integrity_risk=risk, fault_prior=0.0)
-            level = attitude_reliability(vectors, fitted, settings=settings).protection_rad
+            level, _ = protection_level(
+                sd, np.zeros((BLOCK, 3, 0)), np.zeros(0), np.zeros((BLOCK, 0)), risk=risk
+            )
             exceeded[row] += np.count_nonzero(error > level, axis=0)
     return exceeded, total
 
@@ -256,15 +259,18 @@ def multipath_rows(seed, duration_s):
         for risk, prior in LEVELS:
             settings = ReliabilitySettings(integrity_risk=risk, fault_prior=prior)
             result = attitude_reliability(found.vectors, found.rot_ned_from_body, settings=settings)
-            use = result.is_passed
-            beyond = np.count_nonzero(error[use] > result.protection_rad[use], axis=0)
-            level = np.degrees(np.median(result.protection_rad[use], axis=0))
-            out.append((risk, prior, beyond, level))
-        rms = np.degrees(np.sqrt(np.mean(error[use] ** 2, axis=0)))
-        ratio = np.mean((error[use] / result.sd_rad[use]) ** 2, axis=0)
+            use = result.is_passed[:, None] & np.isfinite(result.protection_rad)
+            beyond = np.count_nonzero(use & (error > result.protection_rad), axis=0)
+            level = [np.degrees(np.median(result.protection_rad[use[:, k], k])) for k in range(3)]
+            out.append((risk, prior, np.count_nonzero(use, axis=0).max(), beyond, level))
+            if prior == 0.0:
+                known = use
+        rms = [np.degrees(np.sqrt(np.mean(error[known[:, k], k] ** 2))) for k in range(3)]
+        ratio = [np.mean((error / result.sd_rad)[known[:, k], k] ** 2) for k in range(3)]
         outcome = np.bincount(found.outcome, minlength=len(Outcome))
-        wrong = np.count_nonzero(np.any(error[use] > np.radians(WRONG_DEG), axis=1))
-        rows.append((name, len(use), np.count_nonzero(use), wrong, outcome, rms, ratio, out))
+        wrong = np.count_nonzero(np.any(known & (error > np.radians(WRONG_DEG)), axis=1))
+        passed = np.count_nonzero(result.is_passed)
+        rows.append((name, len(error), passed, wrong, outcome, rms, ratio, out))
     return rows
 
 
@@ -421,11 +427,27 @@ def multipath_page(seed, duration_s, rows):
         1,
     )  # fmt: skip
     lines += table(
-        ["scenario", "risk", "fault prior", "allowed", *angles("beyond"), *angles("median level, deg")],
         [
-            (name, f"{risk:g}", f"{prior:g}", f"{risk * passed:.2f}", *beyond, *(number(v, 2) for v in level))
-            for name, _, passed, _, _, _, _, levels in rows
-            for risk, prior, beyond, level in levels
+            "scenario",
+            "risk",
+            "fault prior",
+            "epochs with a level",
+            "allowed",
+            *angles("beyond"),
+            *angles("median level, deg"),
+        ],
+        [
+            (
+                name,
+                f"{risk:g}",
+                f"{prior:g}",
+                some,
+                f"{risk * some:.2f}",
+                *beyond,
+                *(number(v, 2) for v in level),
+            )
+            for name, *_, levels in rows
+            for risk, prior, some, beyond, level in levels
         ],
         1,
     )
@@ -467,7 +489,7 @@ def main():
         faulty.append((prior, risk, levels_with_faults(stream(3 + k), n, prior, risk)))
         said(f"levels with faults, prior {prior:g}")
     prior, risk = WORST
-    worst = prior, risk, worst_faults(stream(9), n // 10, prior, risk, SIZES)
+    worst = prior, risk, worst_faults(stream(9), n // 50, prior, risk, SIZES)
     said("worst faults")
     text = page(seed, n, rates, free, faulty, worst, phase_table())
     (options.out / "reliability.md").write_text(text, encoding="utf-8")

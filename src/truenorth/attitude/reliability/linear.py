@@ -116,7 +116,10 @@ class LinearModel:
         seen = np.einsum("erfp,ers,esfq->efpq", shape, self.test, shape, optimize=True)
         weight = np.einsum("erfp,ers,esfq->efpq", shape, self.weight, shape, optimize=True)
         gain = np.einsum("eur,erfq->eufq", self.gain, shape)
-        return FaultShape(shape, self, seen, weight, gain)
+        value, axis = np.linalg.eigh(seen)
+        own = np.einsum("efpi,efpq,efqi->efi", axis, weight, axis, optimize=True)
+        value = np.where(value > BLIND * own, value, 0.0)
+        return FaultShape(shape, self, seen, weight, gain, value, axis)
 
     @property
     def _own_weight(self):
@@ -143,6 +146,8 @@ class FaultShape:
         F^T C^-1 F, what it would be if the unknowns were known.
     gain : ndarray, shape (e, u, f, q)
         K F.
+    value, axis : ndarray, shape (e, f, q) and (e, f, q, q)
+        Principal axes of `seen`; values of axes that nothing is seen of are 0.
     """
 
     shape: np.ndarray
@@ -150,31 +155,25 @@ class FaultShape:
     seen: np.ndarray
     weight: np.ndarray
     gain: np.ndarray
-
-    def _axes(self):
-        """Information about the fault along its principal axes, 0 where it is blind; and the axes."""
-        value, axis = np.linalg.eigh(self.seen)
-        own = np.einsum("efpi,efpq,efqi->efi", axis, self.weight, axis, optimize=True)
-        return np.where(value > BLIND * own, value, 0.0), axis
+    value: np.ndarray
+    axis: np.ndarray
 
     @property
     def rank(self) -> np.ndarray:
         """Ndarray of int, shape (e, f): dimensions of the fault that can be seen."""
-        return np.count_nonzero(self._axes()[0], axis=-1)
+        return np.count_nonzero(self.value, axis=-1)
 
     def statistic(self, misclosure):
         """Test of each fault for misclosures, shape (e, r): ndarray, shape (e, f), chi-square of `rank`."""
-        value, axis = self._axes()
         rhs = np.einsum("erfq,ers,es->efq", self.shape, self.model.test, misclosure, optimize=True)
-        along = np.einsum("efpi,efp->efi", axis, rhs)
-        return np.sum(_ratio(along**2, value), axis=-1)
+        along = np.einsum("efpi,efp->efi", self.axis, rhs)
+        return np.sum(_ratio(along**2, self.value), axis=-1)
 
     def estimate(self, misclosure):
         """Estimated faults for misclosures, shape (e, r): ndarray, shape (e, f, q); 0 along blind axes."""
-        value, axis = self._axes()
         rhs = np.einsum("erfq,ers,es->efq", self.shape, self.model.test, misclosure, optimize=True)
-        along = _ratio(np.einsum("efpi,efp->efi", axis, rhs), value)
-        return np.einsum("efpi,efi->efp", axis, along)
+        along = _ratio(np.einsum("efpi,efp->efi", self.axis, rhs), self.value)
+        return np.einsum("efpi,efi->efp", self.axis, along)
 
     def local(self, misclosure):
         """Standardised w of each single dimension for misclosures, shape (e, r): ndarray, shape (e, f, q)."""
@@ -199,7 +198,7 @@ class FaultShape:
 
     def worst_mdb(self, delta0):
         """Largest fault, over all its directions, of the detectable non-centrality: ndarray, shape (e, f)."""
-        return _ratio(delta0, np.sqrt(self._axes()[0].min(axis=-1)), np.inf)
+        return _ratio(delta0, np.sqrt(self.value.min(axis=-1)), np.inf)
 
     def separation_variance(self, rows):
         """Variance of the difference between linear functions of the unknowns with and without the fault.
@@ -215,13 +214,12 @@ class FaultShape:
             g (F^T M F)^-1 g^T with g = rows K F; infinite where a blind direction reaches the function. Times
             a non-centrality it is the square of the largest effect of a fault with it.
         """
-        value, axis = self._axes()
         through = np.einsum("eau,eufq->eafq", rows, self.gain)
-        along = np.einsum("eafq,efqi->eafi", through, axis) ** 2
+        along = np.einsum("eafq,efqi->eafi", through, self.axis) ** 2
         variance = np.einsum("eau,euv,eav->ea", rows, self.model.cov_unknowns, rows, optimize=True)
-        own = np.einsum("efpi,efpq,efqi->efi", axis, self.weight, axis, optimize=True)
+        own = np.einsum("efpi,efpq,efqi->efi", self.axis, self.weight, self.axis, optimize=True)
         nothing = BLIND * variance[:, :, None, None] * own[:, None]
-        value = np.broadcast_to(value[:, None], along.shape)
+        value = np.broadcast_to(self.value[:, None], along.shape)
         return np.sum(
             np.where((value == 0.0) & (along <= nothing), 0.0, _ratio(along, value, np.inf)), axis=-1
         )

@@ -30,7 +30,8 @@ from .significance import normal_tail, normal_tail_quantile
 
 __all__ = ["PROTECTION_SENTENCES", "ProtectionState", "multiple_fault_risk", "protection_level"]
 
-_HALVINGS = 24
+_HALVINGS = 16
+# Of a bracket of some per cent: to a part in a million.
 
 
 class ProtectionState(IntEnum):
