@@ -120,13 +120,13 @@ class PhaseMap:
         return self.share * np.where(weight > 0.1, total / np.maximum(weight, 1e-9), 0.0)
 
     def to_csv(self) -> str:
-        """The cells in use as lines of text, degrees and millimetres."""
+        """Cells as lines of text, degrees and millimetres; of the means the part that is taken for real."""
         lines = []
         azimuth, elevation = np.degrees(self.azimuth_edges_rad), np.degrees(self.elevation_edges_rad)
         for i, j in np.argwhere(self.count > 0):
             numbers = [azimuth[i], azimuth[i + 1], elevation[j], elevation[j + 1]]
             text = ",".join(f"{x:g}" for x in numbers)
-            numbers = [1e3 * self.mean_m[i, j], 1e3 * self.sd_m[i, j]]
+            numbers = [1e3 * self.share * self.mean_m[i, j], 1e3 * self.sd_m[i, j]]
             text += "".join(f",{x:.3f}" for x in numbers)
             lines.append(f"{self.antenna},L{self.band},{text},{self.count[i, j]}")
         return "\n".join(lines)
@@ -194,24 +194,21 @@ def map_residuals(
     bands, band = np.unique(band, return_inverse=True)
     n_cells = shape[0] * shape[1]
     slot = (baseline * len(bands) + band) * n_cells + cell
-    residual, counts = _adjust_maps(
-        residual, design, epoch, (clock, baseline), slot, len(parts) * len(bands) * n_cells
-    )
-    sums = np.stack([np.bincount(slot, residual**power, len(counts)) for power in range(3)], axis=1)
-    sums = sums.reshape(len(parts), len(bands), n_cells, 3)
+    clock = np.stack([clock, baseline], axis=1)
+
+    def sums(rows):
+        """Sums of powers of the residuals of some rows by baseline, band and cell, adjusted by themselves."""
+        left = _adjust_maps(residual[rows], design[rows], epoch[rows], clock[rows], slot[rows])
+        n_slots = len(parts) * len(bands) * n_cells
+        table = np.stack([np.bincount(slot[rows], left**power, n_slots) for power in range(3)], axis=1)
+        return table.reshape(len(parts), len(bands), n_cells, 3)
+
+    is_late = epoch > np.median(epoch)
+    whole, halves = sums(np.ones(len(epoch), bool)), (sums(~is_late), sums(is_late))
     found = []
-    is_late = (epoch > np.median(epoch)).astype(int)
-    tables = [
-        np.stack(
-            [np.bincount(slot, (is_late == half) * residual**power, len(counts)) for power in range(3)],
-            axis=1,
-        )
-        for half in (0, 1)
-    ]
-    halves = [table.reshape(sums.shape) for table in tables]
     for k, value in enumerate(bands):
         early, late = (_split(half[:, k], shape) for half in halves)
-        for a, (name, maps) in enumerate(zip(names, _split(sums[:, k], shape), strict=True)):
+        for a, (name, maps) in enumerate(zip(names, _split(whole[:, k], shape), strict=True)):
             found.append(PhaseMap(name, int(value), *maps, _repeatability(early[a], late[a])))
     return tuple(found)
 
@@ -266,9 +263,11 @@ def _rows_in_body(solution, time_ns, rot_ned_from_body, shape, body_m):
     return tuple(value[keep] for value in values)
 
 
-def _adjust_maps(residual, design, epoch, clock, slot, n_slots):
-    """Residuals less clocks and turns of their epochs, adjusted with the cells in turns; rows per cell."""
-    _, clock = np.unique(np.stack(clock, axis=1), axis=0, return_inverse=True)
+def _adjust_maps(residual, design, epoch, clock, slot):
+    """Residuals less clocks and turns of their epochs, adjusted with the means of the cells in turns."""
+    if len(residual) == 0:
+        return residual
+    _, clock = np.unique(clock, axis=0, return_inverse=True)
     clock = clock.ravel()
     _, epoch = np.unique(epoch, return_inverse=True)
     per_clock = np.bincount(clock)
@@ -283,8 +282,8 @@ def _adjust_maps(residual, design, epoch, clock, slot, n_slots):
         axis=1,
     ).reshape(-1, 3, 3)
     inverse = np.linalg.pinv(normal, rcond=1e-6, hermitian=True)
-    counts = np.bincount(slot, minlength=n_slots)
-    mean = np.zeros(n_slots)
+    counts = np.maximum(np.bincount(slot), 1)
+    mean = np.zeros(len(counts))
     free = residual
     for _ in range(PASSES):
         left = residual - mean[slot]
@@ -295,8 +294,8 @@ def _adjust_maps(residual, design, epoch, clock, slot, n_slots):
         turn = np.einsum("nij,nj->ni", inverse, rhs)
         turned = np.einsum("ni,ni->n", design, turn[epoch])
         free = residual - clocks - turned
-        mean = np.bincount(slot, free, n_slots) / np.maximum(counts, 1)
-    return free, counts
+        mean = np.bincount(slot, free) / counts
+    return free
 
 
 def _split(table, shape):
