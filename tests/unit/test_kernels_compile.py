@@ -63,7 +63,7 @@ UNUSED = {
     "attitude_filter.transport": _FILTER,
     "attitude_filter.turn": _FILTER,
     "attitude_filter.update": _FILTER,
-    "attitude_filter.whiten": _FILTER,
+    "attitude_filter.copy": _FILTER,
     "attitude_filter.whiten_epochs": _FILTER,
     "exhaustive._attitude_step": _ARRAYS,
     "exhaustive._solve3": _ARRAYS,

@@ -1,6 +1,7 @@
 """Compiled filter and smoother of attitude and angular rate, epoch by epoch.
 
-The error of the state is (e, d): the rotation R of the truth is R_estimate exp([e]x) with e in body axes, the
+A pose has four rows: those of the rotation R from body to north, east, down, and the rate in body axes. The
+error of the state is (e, d): the rotation R of the truth is R_estimate exp([e]x) with e in body axes, the
 rate in body axes is that of the estimate plus d. A step of length t turns R by exp([t rate]x):
 
     e <- exp(-[t rate]x) e + t J(t rate) d,     J the right Jacobian of the rotation group,
@@ -24,34 +25,36 @@ from .constrained import eigen_symmetric_3
 from .engine import cholesky_invert, invert_3
 from .jit import kernel
 
-# What is carried, beside rotation, rate, covariance and sensitivity.
-HAS_STATE, N_REJECTED, STATE_TIME, UPDATE_TIME, SEGMENT, N_EVENTS, IS_PREDICTED, NO_RECOVERY = (
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-    6,
-    7,
-)
+# What is carried, beside pose, covariance and sensitivity.
+HAS_STATE, N_REJECTED, STATE_TIME, UPDATE_TIME, SEGMENT, N_EVENTS, IS_PREDICTED, NO_RECOVERY = range(8)
 N_CARRIED = 8
 
-# Settings that are whole numbers, and that are not.
-IS_GATED, MAX_PASSES, LOCK_OUT_EPOCHS, HAS_RECOVERY, IS_PRINTED = 0, 1, 2, 3, 4
-MAX_PREDICTION_NS, LOCAL_LIMIT = 0, 1
+# Columns of what an epoch is given: GPS time, whether it is one of the vectors' epochs, number of white rows.
+TIME, IS_EPOCH, N_ROWS = 0, 1, 2
+
+# Settings that are whole numbers, and that are not; the noise of three rates comes first.
+IS_GATED, MAX_PASSES, LOCK_OUT_EPOCHS, HAS_RECOVERY, IS_PRINTED = range(5)
+NOISE, MAX_PREDICTION_NS, LOCAL_LIMIT = 0, 3, 4
+
+# Rows of the limits: global, global beyond any doubt, of a vector; columns are degrees of freedom.
+GLOBAL, STRICT, OF_VECTOR = 0, 1, 2
 
 # Columns of the statistics of an epoch, before anything was left out.
-CHI2, CHI2_LIMIT, DOF, LOCAL, VECTOR = 0, 1, 2, 3, 4
+CHI2, CHI2_LIMIT, DOF, LOCAL, VECTOR = range(5)
 N_STATISTICS = 5
 
-# Kinds of events, spelt out in truenorth.attitude.filter.
-E_REJECTED, E_EPOCH_REJECTED, E_DROPPED = 1, 2, 3
+# Columns of the marks of an epoch, and what an antenna does at one.
+STATUS, STRETCH = 0, 1
+ABSENT, USED, REJECTED = 0, 1, 2
+
+# Kinds of events, spelt out in truenorth.attitude.filter_run, and an event of no antenna.
+E_REJECTED, E_EPOCH_REJECTED, E_DROPPED = 1.0, 2.0, 3.0
+NOBODY = -1.0
 
 # Why the loop came back.
 DONE, NEEDS_START, LOCKED_OUT = 0, 1, 2
 
-# States of an epoch, equal to truenorth.attitude.filter.FilterStatus (held equal by a test).
+# States of an epoch, equal to truenorth.attitude.filter_state.FilterStatus (held equal by a test).
 S_NONE, S_PREDICTED, S_UPDATED = 0, 1, 2
 
 _NODES = (0.04691007703066800, 0.23076534494715846, 0.5, 0.76923465505284154, 0.95308992296933200)
@@ -66,6 +69,8 @@ _WEIGHTS = (
 
 # Sizes as typed numbers: a literal would compile what takes it anew.
 _STATE = np.int64(6)
+_ROT = np.int64(3)
+_ONE = np.int64(1)
 BLOCK = np.int64(3)
 
 MAX_ITERATIONS = 8
@@ -80,48 +85,44 @@ _EMPTY = 1e-6
 
 
 @kernel
-def whiten(cov, vector, jump, rows, y):
-    """White rows of one epoch's vectors: C = F F^T, rows = F^-1 jump, y = F^-1 z; False if C is not definite.
+def whiten_epochs(epochs, cov, vector, jump, rows, y):
+    """White rows of epochs with the same antennas; -1, or the first one whose covariance is not definite.
 
-    `cov` becomes the factor; rows and y are written up to the number of the vectors' components.
+    With the factor of the covariance, C = F F^T, the rows are F^-1 jump and the observations F^-1 z. `cov`
+    becomes the factors.
     """
-    n = len(vector)
-    for j in range(n):
-        diagonal = cov[j, j]
-        scale = diagonal
-        for k in range(j):
-            diagonal -= cov[j, k] * cov[j, k]
-        if not diagonal > 1e-12 * scale:
-            return False
-        root = np.sqrt(diagonal)
-        cov[j, j] = root
-        for i in range(j + 1, n):
-            value = cov[i, j]
-            for k in range(j):
-                value -= cov[i, k] * cov[j, k]
-            cov[i, j] = value / root
-    for i in range(n):
-        for c in range(jump.shape[1]):
-            value = jump[i, c]
+    n = vector.shape[1]
+    for e in range(len(epochs)):
+        at = epochs[e]
+        for i in range(n):
+            for j in range(i + 1):
+                value = cov[e, i, j]
+                for k in range(j):
+                    value -= cov[e, i, k] * cov[e, j, k]
+                if j < i:
+                    cov[e, i, j] = value / cov[e, j, j]
+                elif value > 1e-12 * cov[e, i, i]:
+                    cov[e, i, i] = np.sqrt(value)
+                else:
+                    return e
+            for c in range(jump.shape[1]):
+                value = jump[i, c]
+                for k in range(i):
+                    value -= cov[e, i, k] * rows[at, k, c]
+                rows[at, i, c] = value / cov[e, i, i]
+            value = vector[e, i]
             for k in range(i):
-                value -= cov[i, k] * rows[k, c]
-            rows[i, c] = value / cov[i, i]
-        value = vector[i]
-        for k in range(i):
-            value -= cov[i, k] * y[k]
-        y[i] = value / cov[i, i]
-    return True
+                value -= cov[e, i, k] * y[at, k]
+            y[at, i] = value / cov[e, i, i]
+    return -1
 
 
 @kernel
-def whiten_epochs(epochs, cov, vector, jump, n_rows, rows, y):
-    """White rows of epochs with the same antennas; -1, or the first one whose covariance is not definite."""
-    for e in range(len(epochs)):
-        k = epochs[e]
-        if not whiten(cov[e], vector[e], jump, rows[k], y[k]):
-            return e
-        n_rows[k] = vector.shape[1]
-    return -1
+def copy(source, target):
+    """Copy a matrix into the corner of another one."""
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[i, j] = source[i, j]
 
 
 @kernel
@@ -192,7 +193,7 @@ def right_jacobian_inverse(x, y, z, out):
 
 @kernel
 def rotation_vector_between(start, end, out):
-    """Rotation vector v with end = start exp([v]x), for angles below a half turn."""
+    """Rotation vector v with end = start exp([v]x), below a half turn, in the first column of out."""
     trace = 0.0
     for i in range(3):
         for j in range(3):
@@ -206,9 +207,9 @@ def rotation_vector_between(start, end, out):
     factor = 0.5
     if sine > 1e-9:
         factor = 0.5 * np.arctan2(sine, 0.5 * (trace - 1.0)) / sine
-    out[0] = factor * x
-    out[1] = factor * y
-    out[2] = factor * z
+    out[0, 0] = factor * x
+    out[1, 0] = factor * y
+    out[2, 0] = factor * z
 
 
 @kernel
@@ -261,58 +262,49 @@ def transport(jacobian, cov, sensitivity, n_consider, work):
 
 
 @kernel
-def predict(
-    dt, noise, is_printed, has_noise, rot, rate, cov, sensitivity, n_consider, phi, work, small, other
-):
+def predict(dt, numbers, is_printed, has_noise, pose, cov, sensitivity, n_consider, phi, work, small, other):
     """Take the state, its covariance and its sensitivity dt seconds further; phi is the transition.
 
-    `noise` is the variance that the rates gain in a second, or with the printed form at every epoch.
+    The first of `numbers` are the variances that the rates gain in a second, or with the printed form at
+    every epoch.
     """
-    turn(dt * rate[0], dt * rate[1], dt * rate[2], small)
+    turn(dt * pose[3, 0], dt * pose[3, 1], dt * pose[3, 2], small)
+    multiply(pose, small, _ROT, _ROT, _ROT, other)
+    right_jacobian(dt * pose[3, 0], dt * pose[3, 1], dt * pose[3, 2], work)
     for i in range(3):
         for j in range(3):
-            # The rows of R times the turn; the transition of the error has its transpose.
+            pose[i, j] = other[i, j]
+            # The state turns by the rotation, its error by the transpose.
             phi[i, j] = small[j, i]
+            phi[i, j + 3] = dt * work[i, j]
             phi[i + 3, j] = 0.0
             phi[i + 3, j + 3] = 1.0 if i == j else 0.0
-            other[i, j] = rot[i, 0] * small[0, j] + rot[i, 1] * small[1, j] + rot[i, 2] * small[2, j]
-    for i in range(3):
-        for j in range(3):
-            rot[i, j] = other[i, j]
-    right_jacobian(dt * rate[0], dt * rate[1], dt * rate[2], small)
-    for i in range(3):
-        for j in range(3):
-            phi[i, j + 3] = dt * small[i, j]
     sandwich(phi, cov, _STATE, work)
-    for j in range(n_consider):
+    for c in range(n_consider):
         for i in range(3):
             value = 0.0
             for k in range(6):
-                value += phi[i, k] * sensitivity[k, j]
+                value += phi[i, k] * sensitivity[k, c]
             work[i, 0] = value
         for i in range(3):
-            sensitivity[i, j] = work[i, 0]
+            sensitivity[i, c] = work[i, 0]
     if not has_noise:
         return
+    for i in range(3):
+        cov[i + 3, i + 3] += numbers[i] if is_printed else numbers[i] * dt
     if is_printed:
-        for i in range(3):
-            cov[i + 3, i + 3] += noise[i]
         return
     for node in range(5):
         span = _NODES[node] * dt
-        right_jacobian(span * rate[0], span * rate[1], span * rate[2], small)
-        weight = _WEIGHTS[node] * dt
+        right_jacobian(span * pose[3, 0], span * pose[3, 1], span * pose[3, 2], small)
+        weight = _WEIGHTS[node] * dt * span
         for i in range(3):
             for j in range(3):
-                cross = weight * span * small[i, j] * noise[j]
+                cross = weight * small[i, j] * numbers[j]
                 cov[i, j + 3] += cross
                 cov[j + 3, i] += cross
-                value = 0.0
                 for k in range(3):
-                    value += small[i, k] * noise[k] * small[j, k]
-                cov[i, j] += weight * span * span * value
-    for i in range(3):
-        cov[i + 3, i + 3] += noise[i] * dt
+                    cov[k, i] += span * cross * small[k, j]
 
 
 @kernel
@@ -446,7 +438,7 @@ def judge_antennas(
     inverse,
     misfit,
     local_limit,
-    vector_limits,
+    limits,
     back,
     block,
     axes,
@@ -515,14 +507,14 @@ def judge_antennas(
                     slope += axes[c, e] * back[n_rows, c]
                 statistic += slope * slope / values[e]
         largest_vector = max(largest_vector, statistic)
-        if statistic > vector_limits[rank] or ratio > 1.0:
+        if statistic > limits[OF_VECTOR, rank] or ratio > 1.0:
             is_fit[0] = 0
-        ratio = statistic / vector_limits[rank]
+        ratio = statistic / limits[OF_VECTOR, rank]
         if ratio > largest_ratio:
             largest_ratio = ratio
             worst = a
             found[3] = statistic
-            found[4] = vector_limits[rank]
+            found[4] = limits[OF_VECTOR, rank]
     found[0] = chi2
     found[1] = largest_local
     found[2] = largest_vector
@@ -593,22 +585,22 @@ def information_volume(design, n_rows):
 
 
 @kernel
-def log_event(which, numbers, carried, epoch, kind, antenna, statistic, limit):
+def log_event(events, carried, epoch, kind, antenna, statistic, limit):
     """Note what happened, as long as there is room."""
     n = carried[N_EVENTS]
-    if n < len(which):
-        which[n, 0] = epoch
-        which[n, 1] = kind
-        which[n, 2] = antenna
-        numbers[n, 0] = statistic
-        numbers[n, 1] = limit
+    if n < len(events):
+        events[n, 0] = epoch
+        events[n, 1] = kind
+        events[n, 2] = antenna
+        events[n, 3] = statistic
+        events[n, 4] = limit
         carried[N_EVENTS] = n + 1
 
 
 @kernel
 def update(
-    rows, n_rows, turned, eta, design, posterior, prior_inverse, rot, rate, cov, sensitivity, n_consider,
-    gain, jacobian, work
+    rows, n_rows, turned, eta, design, posterior, prior_inverse, pose, cov, sensitivity, n_consider, gain,
+    jacobian, work
 ):  # fmt: skip
     """Update by the turn eta and its covariance; rates learn through their correlation with it."""
     # Regression of the rates on the rotation, and what of their covariance it leaves.
@@ -641,7 +633,8 @@ def update(
             cov[i + 3, j] = work[i + 3, j]
             cov[j, i + 3] = work[i + 3, j]
             cov[i, j] = posterior[i, j]
-        rate[i] += gain[i, 0] * eta[0] + gain[i, 1] * eta[1] + gain[i, 2] * eta[2]
+            pose[i, j] = turned[i, j]
+        pose[3, i] += gain[i, 0] * eta[0] + gain[i, 1] * eta[1] + gain[i, 2] * eta[2]
     # What the coordinates do to the innovation goes into the state with the gain.
     for c in range(n_consider):
         antenna = c // 3
@@ -663,134 +656,117 @@ def update(
             sensitivity[i + 3, c] -= (
                 gain[i, 0] * work[1, 0] + gain[i, 1] * work[1, 1] + gain[i, 2] * work[1, 2]
             )
-    for i in range(3):
-        for j in range(3):
-            rot[i, j] = turned[i, j]
     right_jacobian(eta[0], eta[1], eta[2], jacobian)
     transport(jacobian, cov, sensitivity, n_consider, work)
 
 
 @kernel
 def filter_epochs(
-    first, time_ns, is_epoch, n_rows, rows, y, body, consider, n_consider, noise, numbers, switches,
-    global_limits, strict_limits, vector_limits, carried, rot, rate, cov, sensitivity,
-    out_rot, out_rate, out_cov, out_sensitivity, before_rot, before_rate, before_cov, keeps_before,
-    state, segment, statistics, is_used, is_rejected, events, event_numbers,
+    first, epochs, rows, y, body, consider, n_consider, numbers, switches, limits, carried, pose, cov,
+    sensitivity, out_pose, out_cov, out_sensitivity, before_pose, before_cov, marks, statistics, parts, events
 ):  # fmt: skip
     """Filter from epoch `first` on, until the end or until the caller must find an attitude.
 
     The caller owns all that is carried, so that epochs may come in blocks. Returns the epoch reached and why:
     `NEEDS_START` where there is no state and an epoch has rows, `LOCKED_OUT` after so many rejected epochs.
     """
-    n = len(time_ns)
     m = len(body)
-    r_max = rows.shape[1]
-    c_max = 3 * m
-    a_rows = np.empty((r_max, c_max))
-    a_y = np.empty(r_max)
-    phi, work, small, other = np.empty((6, 6)), np.empty((6, 6)), np.empty((3, 3)), np.empty((3, 3))
+    r_max, c_max = rows.shape[1], rows.shape[2]
+    tall = np.empty((7, r_max + 1, max(r_max, c_max, 6)))
+    a_rows, design, lever, lever_cov = tall[0], tall[1], tall[2], tall[3]
+    full, inverse, back = tall[4], tall[5], tall[6]
+    a_y, misfit = np.empty(r_max), np.empty(r_max)
+    design_p = np.empty((c_max, 4))
+    scratch = np.empty((11, 6, 6))
+    phi, work, small, other = scratch[0], scratch[1], scratch[2], scratch[3]
+    prior_inverse, turned, jacobian, normal = scratch[4], scratch[5], scratch[6], scratch[7]
+    posterior, block, axes = scratch[8], scratch[9], scratch[10]
     moved = np.empty((6, c_max))
-    prior, prior_inverse = np.empty((3, 3)), np.empty((3, 3))
-    eta, turned, jacobian = np.zeros(3), np.empty((3, 3)), np.empty((3, 3))
-    design_p, design, misfit = np.empty((c_max, 4)), np.empty((r_max, 3)), np.empty(r_max)
-    normal, posterior = np.empty((3, 3)), np.empty((3, 3))
-    lever, lever_cov = np.empty((r_max, c_max)), np.empty((r_max, c_max))
-    full, inverse = np.empty((r_max, r_max)), np.empty((r_max, r_max))
-    back, block, axes = np.empty((r_max + 1, 4)), np.empty((3, 3)), np.empty((3, 3))
-    values, found, is_fit = np.empty(3), np.zeros(5), np.ones(1, dtype=np.int64)
-    for k in range(first, n):
-        segment[k] = -1
-        state[k] = S_NONE
-        if carried[HAS_STATE] and time_ns[k] - carried[UPDATE_TIME] > numbers[MAX_PREDICTION_NS]:
+    eta, values, found, is_fit = np.zeros(3), np.empty(3), np.zeros(5), np.ones(1, dtype=np.int64)
+    for k in range(first, len(epochs)):
+        time = epochs[k, TIME]
+        marks[k, STATUS], marks[k, STRETCH] = S_NONE, -1
+        if carried[HAS_STATE] and time - carried[UPDATE_TIME] > numbers[MAX_PREDICTION_NS]:
             carried[HAS_STATE] = 0
             log_event(
-                events, event_numbers, carried, k, E_DROPPED, -1,
-                1e-9 * (time_ns[k] - carried[UPDATE_TIME]), 1e-9 * numbers[MAX_PREDICTION_NS],
+                events, carried, k, E_DROPPED, NOBODY,
+                1e-9 * (time - carried[UPDATE_TIME]), 1e-9 * numbers[MAX_PREDICTION_NS],
             )  # fmt: skip
+        r = epochs[k, N_ROWS]
         if not carried[HAS_STATE]:
-            if n_rows[k] > 0:
+            if r > 0:
                 return k, NEEDS_START
             continue
         if not carried[IS_PREDICTED]:
             predict(
-                1e-9 * (time_ns[k] - carried[STATE_TIME]), noise, switches[IS_PRINTED],
-                not switches[IS_PRINTED] or is_epoch[k],
-                rot, rate, cov, sensitivity, n_consider, phi, work, small, other,
+                1e-9 * (time - carried[STATE_TIME]), numbers, switches[IS_PRINTED],
+                switches[IS_PRINTED] == 0 or epochs[k, IS_EPOCH] == 1,
+                pose, cov, sensitivity, n_consider, phi, work, small, other,
             )  # fmt: skip
-            carried[STATE_TIME] = time_ns[k]
+            carried[STATE_TIME] = time
         carried[IS_PREDICTED] = 0
-        if keeps_before:
-            for i in range(3):
-                before_rate[k, i] = rate[i]
-                for j in range(3):
-                    before_rot[k, i, j] = rot[i, j]
-            for i in range(6):
-                for j in range(6):
-                    before_cov[k, i, j] = cov[i, j]
-            if n_consider > 0:
-                multiply(sensitivity, consider, _STATE, n_consider, n_consider, moved)
+        if len(before_pose) > 0:
+            copy(pose, before_pose[k])
+            copy(cov, before_cov[k])
+            multiply(sensitivity, consider, _STATE, n_consider, n_consider, moved)
+            for c in range(n_consider):
                 for i in range(6):
                     for j in range(6):
-                        for c in range(n_consider):
-                            before_cov[k, i, j] += moved[i, c] * sensitivity[j, c]
-        segment[k] = carried[SEGMENT]
-        state[k] = S_PREDICTED
-        r = n_rows[k]
+                        before_cov[k, i, j] += moved[i, c] * sensitivity[j, c]
+        marks[k, STATUS], marks[k, STRETCH] = S_PREDICTED, carried[SEGMENT]
         if r > 0:
             n_logged = carried[N_EVENTS]
+            copy(rows[k], a_rows)
             for i in range(r):
                 a_y[i] = y[k, i]
-                for c in range(c_max):
-                    a_rows[i, c] = rows[k, i, c]
-            for i in range(3):
-                for j in range(3):
-                    prior[i, j] = cov[i, j]
-            is_good = invert_3(prior, prior_inverse)
+            is_good = invert_3(cov, prior_inverse)
             passes = 0
             any_rejected = False
             volume = 0.0
-            while r > 0 and is_good:
-                is_good = estimate(
-                    a_rows, a_y, r, body, m, rot, prior_inverse, eta, turned, jacobian, design_p, design,
-                    misfit, normal, posterior,
-                ) and innovation_inverse(
-                    r, design, cov, a_rows, turned, m, sensitivity, consider, n_consider, lever, lever_cov,
-                    full, inverse,
+            while r > 0:
+                is_good = (
+                    is_good
+                    and estimate(
+                        a_rows, a_y, r, body, m, pose, prior_inverse, eta, turned, jacobian, design_p, design,
+                        misfit, normal, posterior,
+                    )
+                    and innovation_inverse(
+                        r, design, cov, a_rows, turned, m, sensitivity, consider, n_consider, lever,
+                        lever_cov, full, inverse,
+                    )
                 )  # fmt: skip
                 if not is_good:
+                    any_rejected = True
+                    r = 0
                     break
                 worst = judge_antennas(
-                    a_rows, r, m, inverse, misfit, numbers[LOCAL_LIMIT], vector_limits, back, block, axes,
-                    values, found, is_fit,
+                    a_rows, r, m, inverse, misfit, numbers[LOCAL_LIMIT], limits, back, block, axes, values,
+                    found, is_fit,
                 )  # fmt: skip
                 if passes == 0:
                     volume = information_volume(design, r)
                     statistics[k, CHI2] = found[0]
-                    statistics[k, CHI2_LIMIT] = global_limits[r]
+                    statistics[k, CHI2_LIMIT] = limits[GLOBAL, r]
                     statistics[k, DOF] = r
                     statistics[k, LOCAL] = found[1]
                     statistics[k, VECTOR] = found[2]
-                if not switches[IS_GATED] or found[0] <= global_limits[r]:
-                    break
-                if is_fit[0] and found[0] <= strict_limits[r]:
+                if (
+                    not switches[IS_GATED]
+                    or found[0] <= limits[GLOBAL, r]
+                    or (is_fit[0] and found[0] <= limits[STRICT, r])
+                ):
                     break
                 any_rejected = True
-                if passes == switches[MAX_PASSES] or worst < 0:
+                if passes == switches[MAX_PASSES]:
                     r = 0
                     break
                 r = eliminate(a_rows, a_y, r, c_max, 3 * worst, BLOCK)
-                is_rejected[k, worst] = True
-                is_used[k, worst] = False
+                parts[k, worst] = REJECTED
                 if r > 0:
-                    log_event(events, event_numbers, carried, k, E_REJECTED, worst, found[3], found[4])
+                    log_event(events, carried, k, E_REJECTED, 1.0 * worst, found[3], found[4])
                 passes += 1
-            if not is_good:
-                r = 0
-                any_rejected = True
             # Does what is left hold all three axes by itself? If not, a wrong prediction would stay wrong.
-            is_weak = any_rejected
-            if any_rejected and r > 0:
-                is_weak = information_volume(design, r) <= _WEAK * volume
+            is_weak = any_rejected and (r == 0 or information_volume(design, r) <= _WEAK * volume)
             n_rejected = carried[N_REJECTED] + 1 if is_weak else 0
             if (
                 n_rejected >= switches[LOCK_OUT_EPOCHS]
@@ -803,83 +779,67 @@ def filter_epochs(
             carried[NO_RECOVERY] = 0
             if r > 0:
                 update(
-                    a_rows, r, turned, eta, design, posterior, prior_inverse, rot, rate, cov, sensitivity,
+                    a_rows, r, turned, eta, design, posterior, prior_inverse, pose, cov, sensitivity,
                     n_consider, small, jacobian, work,
                 )  # fmt: skip
-                state[k] = S_UPDATED
-                carried[UPDATE_TIME] = time_ns[k]
+                marks[k, STATUS] = S_UPDATED
+                carried[UPDATE_TIME] = time
             else:
                 for a in range(m):
-                    is_rejected[k, a] = is_rejected[k, a] or is_used[k, a]
-                    is_used[k, a] = False
+                    if parts[k, a] == USED:
+                        parts[k, a] = REJECTED
                 log_event(
-                    events, event_numbers, carried, k, E_EPOCH_REJECTED, -1,
+                    events, carried, k, E_EPOCH_REJECTED, NOBODY,
                     statistics[k, CHI2], statistics[k, CHI2_LIMIT],
                 )  # fmt: skip
-        for i in range(3):
-            out_rate[k, i] = rate[i]
-            for j in range(3):
-                out_rot[k, i, j] = rot[i, j]
-        for i in range(6):
-            for j in range(6):
-                out_cov[k, i, j] = cov[i, j]
-            for c in range(n_consider):
-                out_sensitivity[k, i, c] = sensitivity[i, c]
-    return n, DONE
+        copy(pose, out_pose[k])
+        copy(cov, out_cov[k])
+        if n_consider > 0:
+            copy(sensitivity, out_sensitivity[k])
+    return len(epochs), DONE
 
 
 @kernel
-def smooth_epochs(time_ns, is_epoch, noise, is_printed, n_consider, segment, rot, rate, cov, sensitivity):
+def smooth_epochs(epochs, numbers, is_printed, n_consider, marks, pose, cov, sensitivity):
     """Rauch, Tung and Striebel's smoother on the group, in place of the filtered states.
 
-    Segments, within which the filter was not started anew, are smoothed each by itself. What the smoothed
+    Stretches within which the filter was not started anew are smoothed each by itself. What the smoothed
     state of the next epoch differs from the predicted one by is a vector of the tangent space there; errors
     are carried between tangent spaces by the Jacobian of the group.
     """
-    n = len(time_ns)
-    phi, work, small, other = np.empty((6, 6)), np.empty((6, 6)), np.empty((3, 3)), np.empty((3, 3))
-    next_rot, next_rate, next_cov = np.empty((3, 3)), np.empty(3), np.empty((6, 6))
-    smooth_cov, inverse, gain = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
-    next_sensitivity = np.empty((6, n_consider))
-    smooth_sensitivity = np.empty((6, n_consider))
-    change = np.empty(6)
-    for k in range(n - 2, -1, -1):
-        if segment[k] < 0 or segment[k] != segment[k + 1]:
+    scratch = np.empty((10, 6, 6))
+    phi, work, small, other = scratch[0], scratch[1], scratch[2], scratch[3]
+    next_cov, smooth_cov, inverse, gain = scratch[4], scratch[5], scratch[6], scratch[7]
+    change, step = scratch[8], scratch[9]
+    next_pose = np.empty((4, 3))
+    next_sensitivity, smooth_sensitivity = np.empty((6, n_consider)), np.empty((6, n_consider))
+    for k in range(len(epochs) - 2, -1, -1):
+        if marks[k, STRETCH] < 0 or marks[k, STRETCH] != marks[k + 1, STRETCH]:
             continue
-        for i in range(6):
-            for j in range(6):
-                next_cov[i, j] = cov[k, i, j]
-                smooth_cov[i, j] = cov[k + 1, i, j]
-            for c in range(n_consider):
-                next_sensitivity[i, c] = sensitivity[k, i, c]
-                smooth_sensitivity[i, c] = sensitivity[k + 1, i, c]
-        for i in range(3):
-            next_rate[i] = rate[k, i]
-            for j in range(3):
-                next_rot[i, j] = rot[k, i, j]
+        copy(pose[k], next_pose)
+        copy(cov[k], next_cov)
+        copy(cov[k + 1], smooth_cov)
+        if n_consider > 0:
+            copy(sensitivity[k], next_sensitivity)
+            copy(sensitivity[k + 1], smooth_sensitivity)
         predict(
-            1e-9 * (time_ns[k + 1] - time_ns[k]), noise, is_printed, not is_printed or is_epoch[k + 1],
-            next_rot, next_rate, next_cov, next_sensitivity, n_consider, phi, work, small, other,
+            1e-9 * (epochs[k + 1, TIME] - epochs[k, TIME]), numbers, is_printed,
+            is_printed == 0 or epochs[k + 1, IS_EPOCH] == 1,
+            next_pose, next_cov, next_sensitivity, n_consider, phi, work, small, other,
         )  # fmt: skip
-        for i in range(6):
-            for j in range(6):
-                work[i, j] = next_cov[i, j]
+        # The gain, P phi^T (P of the prediction)^-1.
+        copy(next_cov, work)
         if not cholesky_invert(work, _STATE, inverse):
             continue
+        multiply(inverse, phi, _STATE, _STATE, _STATE, work)
+        multiply(work, cov[k], _STATE, _STATE, _STATE, other)
         for i in range(6):
             for j in range(6):
-                value = 0.0
-                for c in range(6):
-                    value += cov[k, i, c] * phi[j, c]
-                work[i, j] = value
-        multiply(work, inverse, _STATE, _STATE, _STATE, gain)
+                gain[i, j] = other[j, i]
+        rotation_vector_between(next_pose, pose[k + 1], change)
         for i in range(3):
-            for j in range(3):
-                other[i, j] = rot[k + 1, i, j]
-        rotation_vector_between(next_rot, other, change)
-        for i in range(3):
-            change[i + 3] = rate[k + 1, i] - next_rate[i]
-        right_jacobian_inverse(change[0], change[1], change[2], small)
+            change[i + 3, 0] = pose[k + 1, 3, i] - next_pose[3, i]
+        right_jacobian_inverse(change[0, 0], change[1, 0], change[2, 0], small)
         transport(small, smooth_cov, smooth_sensitivity, n_consider, work)
         for i in range(6):
             for j in range(6):
@@ -887,33 +847,21 @@ def smooth_epochs(time_ns, is_epoch, noise, is_printed, n_consider, segment, rot
             for c in range(n_consider):
                 smooth_sensitivity[i, c] -= next_sensitivity[i, c]
         sandwich(gain, smooth_cov, _STATE, work)
+        multiply(gain, smooth_sensitivity, _STATE, _STATE, n_consider, next_sensitivity)
+        multiply(gain, change, _STATE, _STATE, _ONE, step)
         for i in range(6):
             for j in range(6):
                 smooth_cov[i, j] += cov[k, i, j]
-        for c in range(n_consider):
-            for i in range(6):
-                value = sensitivity[k, i, c]
-                for j in range(6):
-                    value += gain[i, j] * smooth_sensitivity[j, c]
-                next_sensitivity[i, c] = value
-        for i in range(3):
-            next_rate[i] = 0.0
-            for j in range(6):
-                next_rate[i] += gain[i, j] * change[j]
-                rate[k, i] += gain[i + 3, j] * change[j]
-        turn(next_rate[0], next_rate[1], next_rate[2], small)
-        for i in range(3):
-            for j in range(3):
-                other[i, j] = (
-                    rot[k, i, 0] * small[0, j] + rot[k, i, 1] * small[1, j] + rot[k, i, 2] * small[2, j]
-                )
-        right_jacobian(next_rate[0], next_rate[1], next_rate[2], small)
+            for c in range(n_consider):
+                next_sensitivity[i, c] += sensitivity[k, i, c]
+        turn(step[0, 0], step[1, 0], step[2, 0], small)
+        multiply(pose[k], small, _ROT, _ROT, _ROT, other)
+        right_jacobian(step[0, 0], step[1, 0], step[2, 0], small)
         transport(small, smooth_cov, next_sensitivity, n_consider, work)
         for i in range(3):
+            pose[k, 3, i] += step[i + 3, 0]
             for j in range(3):
-                rot[k, i, j] = other[i, j]
-        for i in range(6):
-            for j in range(6):
-                cov[k, i, j] = smooth_cov[i, j]
-            for c in range(n_consider):
-                sensitivity[k, i, c] = next_sensitivity[i, c]
+                pose[k, i, j] = other[i, j]
+        copy(smooth_cov, cov[k])
+        if n_consider > 0:
+            copy(next_sensitivity, sensitivity[k])

@@ -43,34 +43,34 @@ class FilterRun:
             self.output = np.searchsorted(self.time_ns, times_ns)
         n = len(self.time_ns)
         self.of_epoch = np.searchsorted(self.time_ns, epochs)
-        self.is_epoch = np.zeros(n, dtype=bool)
-        self.is_epoch[self.of_epoch] = True
+        self.epochs = np.zeros((n, 3), dtype=np.int64)
+        self.epochs[:, kernels.TIME] = self.time_ns
+        self.epochs[self.of_epoch, kernels.IS_EPOCH] = 1
         self.body = np.ascontiguousarray(measured.positions_body_m, dtype=float).copy()
         self.consider = np.ascontiguousarray(measured.body_cov_m2, dtype=float).copy()
         self.n_consider = 3 * m if np.any(self.consider) else 0
         self._set_limits(3 * max(m - 1, 1))
         if state is None:
             state = FilterState(
-                np.eye(3), np.zeros(3), np.eye(6), np.zeros((6, self.n_consider)),
+                np.eye(4, 3), np.eye(6), np.zeros((6, self.n_consider)),
                 np.zeros(kernels.N_CARRIED, dtype=np.int64),
             )  # fmt: skip
             state.carried[kernels.SEGMENT] = -1
         self.state = state.copy()
-        self.rot = np.full((n, 3, 3), np.nan)
-        self.rate = np.full((n, 3), np.nan)
+        # Rotation and, in the fourth row, rate.
+        self.pose = np.full((n, 4, 3), np.nan)
         self.cov = np.full((n, 6, 6), np.nan)
         # The smoother needs what is noise and what is not apart; else a block of it is enough.
         self.is_smoother = settings.direction == "smoother"
         self.sensitivity = np.zeros((n if self.is_smoother else 0, 6, self.n_consider))
         kept = n if settings.keep_predictions else 0
-        self.before_rot = np.full((kept, 3, 3), np.nan)
-        self.before_rate = np.full((kept, 3), np.nan)
+        self.before_pose = np.full((kept, 4, 3), np.nan)
         self.before_cov = np.full((kept, 6, 6), np.nan)
-        self.status = np.zeros(n, dtype=np.uint8)
-        self.segment = np.full(n, -1, dtype=np.int64)
+        self.marks = np.zeros((n, 2), dtype=np.int64)
+        self.marks[:, kernels.STRETCH] = -1
+        self.status, self.segment = self.marks[:, kernels.STATUS], self.marks[:, kernels.STRETCH]
         self.statistics = np.full((n, kernels.N_STATISTICS), np.nan)
-        self.is_used = np.zeros((n, m), dtype=bool)
-        self.is_rejected = np.zeros((n, m), dtype=bool)
+        self.parts = np.zeros((n, m), dtype=np.int8)
         self.is_lock_out = np.zeros(n, dtype=bool)
         self.is_start = np.zeros(n, dtype=bool)
         self.events: list[EpochEvent] = []
@@ -95,15 +95,16 @@ class FilterRun:
         if settings.global_test == "b_method":
             shift = (local + norm.ppf(settings.power)) ** 2
             equal_power = ncx2.ppf(1.0 - settings.power, degrees, shift)
-        self.global_limits = np.concatenate([[0.0], equal_power])
-        self.strict_limits = np.concatenate([[0.0], strict])
-        self.vector_limits = self.strict_limits[:4].copy()
-        self.numbers = np.array([1e9 * settings.max_prediction_s, local])
+        # Of each number of degrees of freedom, from none on.
+        self.limits = np.zeros((3, len(degrees) + 1))
+        self.limits[kernels.GLOBAL, 1:] = equal_power
+        self.limits[kernels.STRICT, 1:] = strict
+        self.limits[kernels.OF_VECTOR, 1:] = strict
         if settings.process == "wang":
             noise = np.radians(settings.rate_step_dps) ** 2
         else:
             noise = np.radians(1.0) ** 2 * np.asarray(settings.rate_noise_dps2_per_s, dtype=float)
-        self.noise = np.ascontiguousarray(noise)
+        self.numbers = np.array([*noise, 1e9 * settings.max_prediction_s, local])
         self.switches = np.zeros(5, dtype=np.int64)
         self.switches[kernels.IS_GATED] = settings.gate
         self.switches[kernels.MAX_PASSES] = settings.max_passes
@@ -133,23 +134,20 @@ class FilterRun:
 
     def _filter_block(self, block, white):
         kernels, state, carried = self.kernels, self.state, self.state.carried
-        self.is_used[block] = white.is_seen
+        self.parts[block] = np.where(white.is_seen, kernels.USED, kernels.ABSENT)
+        self.epochs[block, kernels.N_ROWS] = white.n_rows
         n = block.stop - block.start
-        room = n * (len(self.body) + 2)
-        events, numbers = np.zeros((room, 3), dtype=np.int64), np.zeros((room, 2))
+        events = np.zeros((n * (len(self.body) + 2), 5))
         sensitivity = self.sensitivity[block] if self.is_smoother else np.zeros((n, 6, self.n_consider))
         kept = block if self.settings.keep_predictions else slice(0, 0)
         outputs = (
-            self.rot[block], self.rate[block], self.cov[block], sensitivity,
-            self.before_rot[kept], self.before_rate[kept], self.before_cov[kept],
-            self.settings.keep_predictions,
-            self.status[block], self.segment[block], self.statistics[block],
-            self.is_used[block], self.is_rejected[block], events, numbers,
+            self.pose[block], self.cov[block], sensitivity, self.before_pose[kept], self.before_cov[kept],
+            self.marks[block], self.statistics[block], self.parts[block], events,
         )  # fmt: skip
         carried[kernels.N_EVENTS] = 0
         k = 0
         while True:
-            k, why = self._kernel(k, self.time_ns[block], self.is_epoch[block], white, outputs)
+            k, why = self._kernel(k, self.epochs[block], white, outputs)
             if why == kernels.DONE:
                 break
             if why == kernels.NEEDS_START:
@@ -162,28 +160,25 @@ class FilterRun:
                 self.is_start[epoch] = True
                 self.segment[epoch] = carried[kernels.SEGMENT]
                 self.statistics[epoch] = np.nan
-                self.rot[epoch] = state.rot_ned_from_body
-                self.rate[epoch] = state.rate_body_radps
+                self.pose[epoch] = state.pose
                 self.cov[epoch] = state.cov
                 sensitivity[at] = state.sensitivity
                 if self.settings.keep_predictions:
-                    self.before_rot[epoch] = self.before_rate[epoch] = self.before_cov[epoch] = np.nan
+                    self.before_pose[epoch] = self.before_cov[epoch] = np.nan
                 k = at + 1
             elif why == kernels.NEEDS_START:
                 k += 1
         n_events = carried[kernels.N_EVENTS]
-        self._tell(block.start, events[:n_events], numbers[:n_events])
+        self._tell(block.start, events[:n_events])
         if self.n_consider and not self.is_smoother:
             self.cov[block] += sensitivity @ self.consider @ np.swapaxes(sensitivity, 1, 2)
 
-    def _kernel(self, k, time_ns, is_epoch, white, outputs):
+    def _kernel(self, k, epochs, white, outputs):
         """Run the compiled loop from epoch k of a block on."""
         state = self.state
         return self.kernels.filter_epochs(
-            k, time_ns, is_epoch, white.n_rows, white.rows, white.y, self.body, self.consider,
-            self.n_consider, self.noise, self.numbers, self.switches, self.global_limits, self.strict_limits,
-            self.vector_limits, state.carried, state.rot_ned_from_body, state.rate_body_radps, state.cov,
-            state.sensitivity, *outputs,
+            k, epochs, white.rows, white.y, self.body, self.consider, self.n_consider, self.numbers,
+            self.switches, self.limits, state.carried, state.pose, state.cov, state.sensitivity, *outputs,
         )  # fmt: skip
 
     def _fit(self, epoch, rows, y):
@@ -196,7 +191,7 @@ class FilterRun:
             return None, False, None
         if not self.settings.gate or fit.dof == 0 or fit.chi2 <= limit[fit.dof - 1]:
             return fit, True, None
-        seen = np.flatnonzero(self.is_used[epoch] | self.is_rejected[epoch])
+        seen = np.flatnonzero(self.parts[epoch] != self.kernels.ABSENT)
         best, without = None, None
         if len(seen) > 3:
             for antenna in seen:
@@ -227,8 +222,7 @@ class FilterRun:
     def _set(self, epoch, fit, without):
         """Take a least-squares attitude as the state, the rate unknown."""
         kernels, state = self.kernels, self.state
-        state.rot_ned_from_body[:] = fit.rot_ned_from_body
-        state.rate_body_radps[:] = 0.0
+        state.pose[:3], state.pose[3] = fit.rot_ned_from_body, 0.0
         state.cov[:] = 0.0
         state.cov[:3, :3] = fit.cov_body_rad2
         state.cov[3:, 3:] = np.eye(3) * math.radians(self.settings.initial_rate_sd_dps) ** 2
@@ -236,11 +230,9 @@ class FilterRun:
         if self.n_consider:
             state.sensitivity[:3] = fit.sensitivity
         self._begin(epoch)
-        seen = self.is_used[epoch] | self.is_rejected[epoch]
-        self.is_rejected[epoch] = False
+        self.parts[epoch, self.parts[epoch] == kernels.REJECTED] = kernels.USED
         if without is not None:
-            self.is_rejected[epoch, without] = True
-        self.is_used[epoch] = seen & ~self.is_rejected[epoch]
+            self.parts[epoch, without] = kernels.REJECTED
         state.carried[kernels.UPDATE_TIME] = self.time_ns[epoch]
 
     def _begin(self, epoch):
@@ -267,8 +259,8 @@ class FilterRun:
             self._set(epoch, fit, without)
             self._say(
                 epoch, "start", "", fit.chi2, math.nan,
-                f"The attitude filter started by least squares from {np.count_nonzero(self.is_used[epoch])} "
-                "antennas.",
+                "The attitude filter started by least squares from "
+                f"{np.count_nonzero(self.parts[epoch] == self.kernels.USED)} antennas.",
             )  # fmt: skip
             return k
         if is_determined:
@@ -299,8 +291,7 @@ class FilterRun:
             return False
         earlier = state.copy()
         rate_variance = math.radians(self.settings.initial_rate_sd_dps) ** 2
-        state.rot_ned_from_body[:] = guess.rot_ned_from_body
-        state.rate_body_radps[:] = 0.0
+        state.pose[:3], state.pose[3] = guess.rot_ned_from_body, 0.0
         state.cov[:] = np.diag([WIDE_RAD**2] * 3 + [rate_variance] * 3)
         state.sensitivity[:] = 0.0
         carried = state.carried
@@ -314,18 +305,20 @@ class FilterRun:
         )  # fmt: skip
         for j, (_, rows, y) in enumerate(pending):
             white.rows[j, : len(y)], white.y[j, : len(y)] = rows, y
-        status, rejected = np.zeros(n, dtype=np.uint8), np.zeros((n, m), dtype=bool)
+        epochs = np.ones((n, 3), dtype=np.int64)
+        epochs[:, kernels.TIME] = [part[0] for part in pending]
+        epochs[:, kernels.N_ROWS] = white.n_rows
+        parts = np.full((n, m), kernels.USED, dtype=np.int8)
         outputs = (
-            np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros((n, 6, 6)), np.zeros((n, 6, self.n_consider)),
-            np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 6, 6)), False,
-            status, np.zeros(n, dtype=np.int64), np.zeros((n, kernels.N_STATISTICS)),
-            white.is_seen, rejected, np.zeros((0, 3), dtype=np.int64), np.zeros((0, 2)),
+            np.zeros((n, 4, 3)), np.zeros((n, 6, 6)), np.zeros((n, 6, self.n_consider)),
+            np.zeros((0, 4, 3)), np.zeros((0, 6, 6)), np.zeros((n, 2), dtype=np.int64),
+            np.zeros((n, kernels.N_STATISTICS)), parts, np.zeros((0, 5)),
         )  # fmt: skip
-        times = np.array([part[0] for part in pending], dtype=np.int64)
-        self._kernel(0, times, np.ones(n, dtype=bool), white, outputs)
+        self._kernel(0, epochs, white, outputs)
         spread = math.sqrt(np.trace(state.cov[:3, :3]))
-        if rejected.any() or spread > math.radians(self.settings.max_sd_deg):
-            self.state = earlier
+        if np.any(parts == kernels.REJECTED) or spread > math.radians(self.settings.max_sd_deg):
+            for name in ("pose", "cov", "sensitivity", "carried"):
+                getattr(state, name)[:] = getattr(earlier, name)
             return False
         self._begin(epoch)
         state.carried[kernels.UPDATE_TIME] = self.time_ns[epoch]
@@ -359,8 +352,7 @@ class FilterRun:
                 if fit is None:
                     continue
                 again = slice(start + at, epoch + 1)
-                self.is_used[again] = white.is_seen[at : k + 1]
-                self.is_rejected[again] = False
+                self.parts[again] = np.where(white.is_seen[at : k + 1], kernels.USED, kernels.ABSENT)
                 self.is_lock_out[again] = self.is_lock_out[again] & (not self.is_smoother)
                 carried[kernels.N_EVENTS] = np.count_nonzero(events[: carried[kernels.N_EVENTS], 0] < at)
                 self._set(start + at, fit, without)
@@ -386,13 +378,13 @@ class FilterRun:
         carried[kernels.NO_RECOVERY] = 1
         return -1
 
-    def _tell(self, start, which, numbers):
+    def _tell(self, start, events):
         """Spell out the events of the compiled loop."""
         kernels = self.kernels
-        for (k, kind, antenna), (statistic, limit) in zip(which.tolist(), numbers.tolist(), strict=True):
-            epoch = start + k
+        for k, kind, antenna, statistic, limit in events.tolist():
+            epoch = start + int(k)
             if kind == kernels.E_REJECTED:
-                name = self._name(antenna)
+                name = self._name(int(antenna))
                 self._say(
                     epoch, "outlier", name, statistic, limit,
                     f"Antenna {name} was left out of the attitude filter at this epoch: the test of its "
@@ -423,8 +415,8 @@ class FilterRun:
     def smooth(self):
         """Smooth the filtered states in place, and predict backward from the start of every segment."""
         self.kernels.smooth_epochs(
-            self.time_ns, self.is_epoch, self.noise, self.switches[self.kernels.IS_PRINTED], self.n_consider,
-            self.segment, self.rot, self.rate, self.cov, self.sensitivity,
+            self.epochs, self.numbers, self.switches[self.kernels.IS_PRINTED], self.n_consider, self.marks,
+            self.pose, self.cov, self.sensitivity,
         )  # fmt: skip
         if self.n_consider:
             self.cov += self.sensitivity @ self.consider @ np.swapaxes(self.sensitivity, 1, 2)
@@ -435,34 +427,35 @@ class FilterRun:
         """Attitudes before the filter started, where those after it say more than those before."""
         starts = np.flatnonzero((self.segment >= 0) & (np.diff(self.segment, prepend=-1) != 0))
         sign = np.array([1.0, 1.0, 1.0, -1.0, -1.0, -1.0])
-        work = [np.empty((6, 6)), np.empty((6, 6)), np.empty((3, 3)), np.empty((3, 3))]
+        work = [np.empty((6, 6)) for _ in range(4)]
+        is_printed = self.switches[self.kernels.IS_PRINTED]
         nothing = np.empty((6, 0))
         longest = self.numbers[self.kernels.MAX_PREDICTION_NS]
         for start in starts.tolist():
             # In reversed time the rates have the other sign, and so has their covariance with the rotation.
-            rot, rate = self.rot[start].copy(), -self.rate[start]
+            pose = self.pose[start].copy()
+            pose[3] *= -1.0
             cov = self.cov[start] * np.outer(sign, sign)
             for k in range(start - 1, -1, -1):
                 if self.time_ns[start] - self.time_ns[k] > longest or self.status[k] == FilterStatus.UPDATED:
                     break
                 self.kernels.predict(
-                    1e-9 * (self.time_ns[k + 1] - self.time_ns[k]), self.noise,
-                    self.switches[self.kernels.IS_PRINTED],
-                    bool(self.is_epoch[k + 1] or not self.switches[self.kernels.IS_PRINTED]),
-                    rot, rate, cov, nothing, 0, *work,
+                    1e-9 * (self.time_ns[k + 1] - self.time_ns[k]), self.numbers, is_printed,
+                    bool(is_printed == 0 or self.epochs[k + 1, self.kernels.IS_EPOCH] == 1),
+                    pose, cov, nothing, 0, *work,
                 )  # fmt: skip
-                if self.status[k] == FilterStatus.NONE or np.trace(cov[:3, :3]) < np.trace(
-                    self.cov[k, :3, :3]
-                ):
+                spread = np.trace(self.cov[k, :3, :3])
+                if self.status[k] == FilterStatus.NONE or np.trace(cov[:3, :3]) < spread:
                     self.status[k], self.segment[k] = FilterStatus.PREDICTED, self.segment[start]
-                    self.rot[k], self.rate[k], self.cov[k] = rot, -rate, cov * np.outer(sign, sign)
+                    self.pose[k], self.cov[k] = pose, cov * np.outer(sign, sign)
+                    self.pose[k, 3] *= -1.0
 
     def result(self):
         """What was asked for, with angles."""
         kernels = self.kernels
         pick = slice(None) if self.output is None else self.output
-        rot, rate, cov = self.rot[pick], self.rate[pick], self.cov[pick]
-        status = self.status[pick]
+        rot, rate, cov = self.pose[pick, :3], self.pose[pick, 3], self.cov[pick]
+        status = self.status[pick].astype(np.uint8)
         with np.errstate(invalid="ignore"):
             is_vague = ~(np.einsum("nii->n", cov[:, :3, :3]) <= math.radians(self.settings.max_sd_deg) ** 2)
         is_vague |= status == FilterStatus.NONE
@@ -481,12 +474,13 @@ class FilterRun:
             statistics[:, kernels.CHI2], statistics[:, kernels.CHI2_LIMIT],
             np.where(np.isnan(dof), 0, dof).astype(np.int64),
             statistics[:, kernels.LOCAL], statistics[:, kernels.VECTOR],
-            self.is_used[pick], self.is_rejected[pick], self.is_lock_out[pick], self.is_start[pick],
+            self.parts[pick] == kernels.USED, self.parts[pick] == kernels.REJECTED,
+            self.is_lock_out[pick], self.is_start[pick],
             np.where(is_vague, -1, self.segment[pick]),
             tuple(sorted(self.events, key=lambda event: event.time_ns)),
             self.settings,
-            self.before_rot[pick] if keeps else None,
-            self.before_rate[pick] if keeps else None,
+            self.before_pose[pick, :3] if keeps else None,
+            self.before_pose[pick, 3] if keeps else None,
             self.before_cov[pick] if keeps else None,
             self.state if self.settings.direction == "forward" else None,
         )  # fmt: skip

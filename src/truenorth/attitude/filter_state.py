@@ -32,10 +32,8 @@ class FilterState:
 
     Parameters
     ----------
-    rot_ned_from_body : ndarray, shape (3, 3)
-        Attitude.
-    rate_body_radps : ndarray, shape (3,)
-        Angular rate in body axes.
+    pose : ndarray, shape (4, 3)
+        Rotation from body to north, east, down, and in the last row the angular rate in body axes, rad/s.
     cov : ndarray, shape (6, 6)
         Covariance of rotation error and rate error from noise alone, both in body axes.
     sensitivity : ndarray, shape (6, c)
@@ -46,8 +44,7 @@ class FilterState:
         Epochs that may help to start: time, white rows, observations.
     """
 
-    rot_ned_from_body: np.ndarray
-    rate_body_radps: np.ndarray
+    pose: np.ndarray
     cov: np.ndarray
     sensitivity: np.ndarray
     carried: np.ndarray
@@ -56,8 +53,7 @@ class FilterState:
     def copy(self) -> FilterState:
         """A state of its own, so that the next block does not change this one."""
         return FilterState(
-            self.rot_ned_from_body.copy(),
-            self.rate_body_radps.copy(),
+            self.pose.copy(),
             self.cov.copy(),
             self.sensitivity.copy(),
             self.carried.copy(),

@@ -161,7 +161,8 @@ def white_rows(
             stacked = np.array(block.vector_ned_m.reshape(len(block.epochs), 3 * k), dtype=float, order="C")
             jump = _differences(block.antennas, block.reference, m)
             cov = np.array(block.cov_ned_m2, dtype=float, order="C")
-            failed = whiten_epochs(block.epochs, cov, stacked, jump, result.n_rows, result.rows, result.y)
+            failed = whiten_epochs(block.epochs, cov, stacked, jump, result.rows, result.y)
+            result.n_rows[block.epochs] = 3 * k
             if failed >= 0:
                 time = part.time_ns[block.epochs[failed]]
                 raise ModelError(
