@@ -24,9 +24,11 @@ __all__ = [
     "METHODS",
     "AntennaSection",
     "ArraySettings",
+    "AttitudeFilterSettings",
     "GnssSection",
     "GnssSettings",
     "PlatformSection",
+    "ReliabilitySection",
     "Session",
     "StochasticSettings",
     "convert_settings",
@@ -216,6 +218,122 @@ class ArraySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
             )  # fmt: skip
 
 
+class AttitudeFilterSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What `truenorth.attitude.filter.filter_attitude` does: the ``[attitude_filter]`` table."""
+
+    direction: Literal["forward", "backward", "smoother"] = "forward"
+    """``forward`` knows the past, ``backward`` the future, ``smoother`` both."""
+    process: Literal["continuous", "wang"] = "continuous"
+    """``continuous``: noise of the rates per time, whatever the epochs' interval; ``wang``: the same step at
+    every epoch, as printed by Wang and Lachapelle (2002), eq. 9."""
+    rate_noise_dps2_per_s: tuple[float, float, float] = (40.0, 40.0, 40.0)
+    """Variance that the rate about the forward, right and down axis gains in a second, (deg/s)^2/s. 40 is
+    2 deg/s in every 0.1 s."""
+    rate_step_dps: tuple[float, float, float] = (2.0, 2.0, 2.0)
+    """With ``process = "wang"``: standard deviation that every epoch adds to the rates, deg/s."""
+    initial_rate_sd_dps: float = 30.0
+    """Of the rate, which is taken as zero at a start."""
+    gate: bool = True
+    """Test the innovations and leave out what fails."""
+    significance: float = 0.001
+    """Of the local test (two-sided: 3.29) and of the vector-wise one (16.3)."""
+    power: float = 0.8
+    """With which all tests find an error of the size that the local test finds (B-method)."""
+    global_test: Literal["b_method", "significance"] = "b_method"
+    """Limit of the global test: of equal power with the local one (Baarda 1968), or of equal significance."""
+    max_passes: int = 4
+    """Antennas that may be left out of one epoch before all of it is."""
+    lock_out_epochs: int = 5
+    """Epochs in a row, what was left of which does not hold all three axes, after which the filter counts
+    as locked out."""
+    recovery: Literal["restart", "inflate", "none"] = "restart"
+    """After a lock-out: start anew by least squares, widen the covariance, or go on predicting."""
+    max_prediction_s: float = 10.0
+    """Longest time without an update; after it the filter starts anew."""
+    max_sd_deg: float = 30.0
+    """Attitudes less certain than this (root of the sum of the three variances) are not given out."""
+    output_rate_hz: float | None = None
+    """Give out attitudes at this rate, on whole multiples of its period in GPS time, instead of at the
+    epochs of the vectors."""
+    keep_predictions: bool = True
+    """Keep what was predicted before every update, which `innovations` needs."""
+
+    def __post_init__(self) -> None:
+        def refuse(key: str, wanted: str) -> NoReturn:
+            value = getattr(self, key)
+            raise ConfigError(f"`{key}` is {value!r}; give {wanted}", key=key, value=value)
+
+        for key in ("rate_noise_dps2_per_s", "rate_step_dps"):
+            if not all(0.0 < value < math.inf for value in getattr(self, key)):
+                refuse(key, "three positive numbers")
+        for key in ("initial_rate_sd_dps", "max_prediction_s", "max_sd_deg"):
+            if not 0.0 < getattr(self, key) < math.inf:
+                refuse(key, "a positive number")
+        if not 0.0 < self.significance < 1.0:
+            refuse("significance", "a share between 0 and 1")
+        if not self.significance < self.power < 1.0:
+            refuse("power", "a share between `significance` and 1")
+        for key in ("max_passes", "lock_out_epochs"):
+            if getattr(self, key) < 1:
+                refuse(key, "1 or more")
+        if self.output_rate_hz is not None and not 0.0 < self.output_rate_hz <= 10_000.0:
+            refuse("output_rate_hz", "a rate up to 10000 Hz, or leave it out")
+
+
+class ReliabilitySection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Tests for blunders, minimal detectable blunders and protection levels: the ``[reliability]`` table."""
+
+    false_alarm: float = 0.001
+    """Significance of the test of one observation; those of all others follow by the B-method."""
+    missed_detection: float = 0.2
+    """One less the power at the minimal detectable blunder."""
+    mdb_screen: Literal["none", "estimated", "innovation"] = "none"
+    """Further condition of a rejection. ``estimated``: the estimated blunder exceeds the minimal detectable
+    one, which raises the limit from 3.29 to 4.13 and leaves a power of one half at the minimal detectable
+    blunder; ``innovation``: the residual itself exceeds it, as printed by Wang and Lachapelle (2002)."""
+    max_rejections: int = 2
+    """Most vectors (or observations) of an epoch that are left out, one pass each; an epoch that needs more
+    is not used."""
+    separation: float = 13.8
+    """An exclusion must explain the data better than any other by this much in chi-square, a likelihood
+    ratio of a thousand; otherwise the epoch is not used."""
+    integrity_risk: float = 1e-5
+    """Probability, in an epoch and for each angle, that its error exceeds the protection level unnoticed."""
+    fault_prior: float = 1e-4
+    """Probability that an antenna is at fault in an epoch by any amount; antennas independently."""
+    satellite_prior: float = 0.0
+    """Probability that the phases of a satellite are at fault in an epoch, for levels from phases."""
+    wrong_integer_risk: float = 0.0
+    """Probability that the integers of an epoch are wrong, where the run does not state its own; taken off
+    the integrity risk. With 0 the levels are those of right integers."""
+
+    def __post_init__(self) -> None:
+        for key in ("false_alarm", "missed_detection", "integrity_risk"):
+            value = getattr(self, key)
+            if not 0.0 < value < 1.0:
+                raise ConfigError(
+                    f"`{key}` is {value!r}; give a probability between 0 and 1", key=key, value=value
+                )
+        for key in ("fault_prior", "satellite_prior", "wrong_integer_risk"):
+            value = getattr(self, key)
+            if not 0.0 <= value < 1.0:
+                raise ConfigError(
+                    f"`{key}` is {value!r}; give a probability, 0 or more", key=key, value=value
+                )
+        if self.max_rejections < 0:
+            raise ConfigError(
+                f"`max_rejections` is {self.max_rejections!r}; give 0 or more",
+                key="max_rejections",
+                value=self.max_rejections,
+            )
+        if not self.separation >= 0.0:
+            raise ConfigError(
+                f"`separation` is {self.separation!r}; give 0 or more",
+                key="separation",
+                value=self.separation,
+            )
+
+
 def _describe(settings: msgspec.Struct) -> Any:
     """Settings as plain dictionaries, every default included."""
     return msgspec.to_builtins(settings)
@@ -259,6 +377,10 @@ class Session(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     platform: PlatformSection
     gnss: GnssSection = GnssSection()
     array: ArraySettings = ArraySettings()
+    attitude_filter: AttitudeFilterSettings | None = None
+    """Filter or smooth the attitude; left out, every epoch stands by itself."""
+    reliability: ReliabilitySection | None = None
+    """State detectable blunders, their effect and protection levels of every epoch; left out, none."""
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Session:

@@ -127,6 +127,7 @@ class Reason(IntEnum):
     GEOMETRY_TEST = 19
     NO_VECTORS = 20
     MIRROR_AMBIGUOUS = 21
+    PREDICTED = 22
 
 
 REASON_SENTENCES = {
@@ -152,5 +153,6 @@ REASON_SENTENCES = {
     Reason.GEOMETRY_TEST: "the baselines contradict the body coordinates; which one is wrong is unclear",
     Reason.NO_VECTORS: "no vector between antennas has accepted integers",
     Reason.MIRROR_AMBIGUOUS: "the vectors fit two attitudes, mirror images of each other",
+    Reason.PREDICTED: "predicted by the attitude filter from its attitude and rate",
 }
 """One sentence for each `Reason`."""

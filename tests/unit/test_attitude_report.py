@@ -60,7 +60,7 @@ def test_csv_begins_with_the_columns_that_scripts_rely_on(solution, tmp_path):
     rows = list(csv.DictReader(io.StringIO(text)))
     assert len(rows) == N
     assert rows[35]["excluded"] == 'right, "new"'
-    assert rows[35]["n_baselines"] == "2"
+    assert rows[35]["n_antennas"] == "3"
     assert (rows[102]["status"], rows[102]["heading_deg"]) == ("none", "NaN")
     table = solution_columns(solution)
     np.testing.assert_allclose([float(row["roll_deg"]) for row in rows], table["roll_deg"], atol=6e-7)
@@ -112,7 +112,7 @@ def test_figures_of_attitude_and_comparison(solution, comparison, tmp_path):
     page = figure_page(solution)
     labels = [ax.get_ylabel() for ax in page.axes]
     assert labels[:3] == ["heading, deg", "pitch, deg", "roll, deg"]
-    assert {"satellites used", "baselines used"} <= set(labels)
+    assert {"satellites used", "antennas used"} <= set(labels)
     page = figure_page(comparison)
     errors = [ax for ax in page.axes if "error, deg" in ax.get_ylabel()]
     assert len(errors) == 3
@@ -144,7 +144,7 @@ def test_the_page_of_a_comparison_answers_first(solution, comparison):
     assert "1 wrong" in head
     assert "95.8 %" in head
     assert "under the bridge" in text
-    for title in ("Track", "Error of the roll", "Satellites and baselines"):
+    for title in ("Track", "Error of the roll", "Satellites and antennas"):
         assert f"<h2>{title}</h2>" in text
     assert text.count("</html>") == 1
     assert "http://" not in re.sub(r"http://www\.w3\.org[^\"']*", "", head)

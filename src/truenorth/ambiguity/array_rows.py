@@ -205,7 +205,7 @@ def build_array_rows(receivers, points, settings, arcs, n_arcs):
         None where no two receivers have an epoch in common.
     """
     taken = np.empty(0, np.int64)
-    pieces = []
+    pieces, times = [], []
     for reference, base in enumerate(receivers):
         if base is None or base.n_epochs == 0:
             continue
@@ -222,13 +222,17 @@ def build_array_rows(receivers, points, settings, arcs, n_arcs):
             epochs = match_epochs(base.time_ns[own], other.time_ns, settings.max_time_difference_s)
             if len(epochs[0]):
                 epochs = own[epochs[0]], epochs[1]
-                pieces.append(_pair_rows(receivers, points, settings, arcs, reference, rover, epochs))
-    pieces = [piece for piece in pieces if piece is not None and len(piece["antenna"])]
+                piece = _pair_rows(receivers, points, settings, arcs, reference, rover, epochs)
+                if piece is not None:
+                    pieces.append(piece)
+                    times.append(base.time_ns[epochs[0]])
     if not pieces:
         return None
     joined = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+    # Epochs without a satellite are epochs, too.
+    time_ns = np.unique(np.concatenate(times))
+    epoch = np.searchsorted(time_ns, joined.pop("time_ns"))
     # The reference's own rows are said once for each rover; one of each stays, with a code if any has one.
-    time_ns, epoch = np.unique(joined.pop("time_ns"), return_inverse=True)
     order = np.lexsort(
         (np.isnan(joined["code_m"]), np.isnan(joined["phase_m"]), joined["antenna"], joined["satellite"],
          joined["group"], epoch)

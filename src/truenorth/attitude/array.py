@@ -17,6 +17,7 @@ from ..config import ArraySettings, GnssSettings, convert_settings
 from ..errors import ConfigError, NoSolutionError, Reason
 from .array_baselines import attitude_from_baselines, solve_by_baselines
 from .array_joint import solve_joint
+from .array_products import filter_solution, solve_by_method, state_reliability
 from .baselines import Stages
 from .length_check import FEW_ACCEPTED
 from .provenance import describe_observations
@@ -36,6 +37,8 @@ def solve_array(
     names=None,
     settings=None,
     array=None,
+    attitude_filter=None,
+    reliability=None,
     progress=None,
     keep_residuals=False,
     block_epochs=None,
@@ -57,6 +60,10 @@ def solve_array(
         Systems, bands, masks, noise and tests; the defaults where omitted.
     array : ArraySettings, optional
         How the antennas are resolved together; the defaults where omitted.
+    attitude_filter : AttitudeFilterSettings, optional
+        Filter or smooth the attitude; every epoch by itself where omitted.
+    reliability : ReliabilitySection, optional
+        State detectable blunders, their effect on the angles and protection levels; none where omitted.
     progress : callable, optional
         Called with (epochs done, epochs in all).
     keep_residuals : bool
@@ -115,6 +122,13 @@ def solve_array(
         if solution is None or np.mean(below.is_accepted) > np.mean(solution.is_accepted):
             solution = below
             said += below.warnings
+    if array.method != "adjustment" and solution.level == "joint":
+        solution = solve_by_method(solution, array.method)
+    if attitude_filter is not None:
+        solution = filter_solution(solution, attitude_filter)
+    if reliability is not None:
+        solution = state_reliability(solution, reliability)
+    stages.end("solve")
     described = {
         name: describe_observations(receiver) for name, receiver in zip(names, receivers, strict=True)
     }

@@ -85,11 +85,12 @@ def solve_joint(
     engine = ArrayEngine(
         positions_body_m, settings, array, factors=factors, names=names, keep_vectors=array.keep_vectors
     )
-    parts, done = [], 0
+    parts, done, seen = [], 0, set()
     for rows, resumed in run.blocks():
         block = engine.step(rows, resumed)
         parts.append(_assemble(block, done, names, positions_body_m, keep_residuals))
         done += rows.n_epochs
+        seen.update(np.unique(rows.antenna[np.isfinite(rows.phase_m)]).tolist())
         if progress is not None:
             progress(min(done, run.n_epochs), run.n_epochs)
     if not parts:
@@ -99,6 +100,13 @@ def solve_joint(
         )
     columns, vectors, residuals, events = _join(parts)
     m = len(positions_body_m)
+    never = np.flatnonzero(~columns["is_used"].any(0)) if columns["is_used"].any() else []
+    said = [
+        f"{names[k]}: took part in no epoch; it has no epochs with signals in common with the others"
+        if k not in seen
+        else f"{names[k]}: took part in no epoch; its phases contradict those of the others or are too few"
+        for k in never
+    ]
     solution = AttitudeSolution(
         **columns,
         antennas=tuple(names),
@@ -115,7 +123,8 @@ def solve_joint(
         else None,
         residuals=PhaseResiduals(**residuals) if keep_residuals else None,
         settings=msgspec.to_builtins(settings) | {"array": msgspec.to_builtins(array)},
-        inputs={"variance_factors": {"phase": factors[0], "code": factors[1]}},
+        inputs={"variance_factors": {"phase": float(factors[0]), "code": float(factors[1])}},
+        warnings=tuple(said),
         events=tuple(EpochEvent(*event) for event in sorted(events, key=lambda event: event[0])),
     )
     return solution, run.read_s

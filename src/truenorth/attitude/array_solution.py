@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 
 from .array_vectors import ArrayVectors
+from .filter_state import FilteredAttitude
+from .reliability.array_reliability import AttitudeReliability
 from .solution import BaselineSolution, EpochEvent, SolutionOutputs
 
 __all__ = ["AttitudeSolution", "PhaseResiduals"]
@@ -84,6 +86,11 @@ class AttitudeSolution(SolutionOutputs):
         they were not kept.
     residuals : PhaseResiduals or None
         Of every phase that took part in the joint adjustment, where they were asked for.
+    filtered : FilteredAttitude or None
+        All that the attitude filter knows, rates included, where one was asked for.
+    reliability : AttitudeReliability or None
+        Tests, detectable blunders, their effect and protection levels at the epochs of `vectors`, where they
+        were asked for.
     baselines : tuple of BaselineSolution
         From the reference to each other antenna, at their own epochs; empty at the level ``joint``.
     settings : dict
@@ -118,6 +125,8 @@ class AttitudeSolution(SolutionOutputs):
     level: str = "length"
     vectors: ArrayVectors | None = None
     residuals: PhaseResiduals | None = None
+    filtered: FilteredAttitude | None = None
+    reliability: AttitudeReliability | None = None
     baselines: tuple[BaselineSolution, ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)
     inputs: dict[str, Any] = field(default_factory=dict)
@@ -137,6 +146,17 @@ class AttitudeSolution(SolutionOutputs):
         for row in np.flatnonzero(np.any(self.is_excluded, axis=1)):
             words[row] = "+".join(self.antennas[k] for k in np.flatnonzero(self.is_excluded[row]))
         return words.astype(str)
+
+    @property
+    def protection_rad(self) -> np.ndarray:
+        """Ndarray of float64, shape (n, 3): protection levels of heading, pitch, roll; NaN without."""
+        level = np.full((self.n_epochs, 3), np.nan)
+        if self.reliability is not None and self.n_epochs:
+            own = self.reliability
+            at = np.minimum(np.searchsorted(self.time_ns, own.time_ns), self.n_epochs - 1)
+            same = self.time_ns[at] == own.time_ns
+            level[at[same]] = np.where(own.is_passed[:, None], own.protection_rad, np.inf)[same]
+        return level
 
     def angle_sd_rad(self, k: int) -> np.ndarray:
         """Standard deviations of heading (0), pitch (1) or roll (2), ndarray, shape (n,)."""

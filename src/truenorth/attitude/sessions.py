@@ -57,6 +57,8 @@ def solve_session(
             names=[antenna.name for antenna in antennas],
             settings=session.settings,
             array=session.array,
+            attitude_filter=session.attitude_filter,
+            reliability=session.reliability,
             progress=progress,
             keep_residuals=keep_residuals,
         )

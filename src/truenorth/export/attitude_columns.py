@@ -24,12 +24,12 @@ ATTITUDE_COLUMNS = (
     Column("heading_sd_deg", "degree", "standard deviation of the heading", "%.6f"),
     Column("pitch_sd_deg", "degree", "standard deviation of the pitch", "%.6f"),
     Column("roll_sd_deg", "degree", "standard deviation of the roll", "%.6f"),
-    Column("status", "", "fixed, held or none", "%s"),
+    Column("status", "", "fixed, held, float (predicted by a filter) or none", "%s"),
     Column("reason", "", "why the epoch has its status", "%s"),
     Column("n_antennas", "1", "antennas used", "%d"),
-    Column("n_sats", "1", "satellites of the baseline that used fewest", "%d"),
+    Column("n_sats", "1", "satellites that took part", "%d"),
     Column("excluded", "", "antennas left out because they contradict the others", "%s"),
-    Column("chi2", "1", "test of the baselines against the body coordinates", "%.3f"),
+    Column("chi2", "1", "test of the adjustment against the body coordinates", "%.3f"),
     Column("chi2_limit", "1", "its limit", "%.3f"),
     Column("cov_hp_deg2", "degree2", "covariance of heading and pitch", "%.6e"),
     Column("cov_hr_deg2", "degree2", "covariance of heading and roll", "%.6e"),
@@ -37,6 +37,10 @@ ATTITUDE_COLUMNS = (
     Column("latitude_deg", "degree", "latitude of the reference antenna, WGS 84, single point", "%.8f"),
     Column("longitude_deg", "degree", "longitude of the reference antenna", "%.8f"),
     Column("height_m", "m", "ellipsoidal height of the reference antenna", "%.3f"),
+    Column("success_probability", "1", "of the integers, when they were accepted", "%.9f"),
+    Column("heading_pl_deg", "degree", "protection level of the heading, infinite where it has none", "%.6f"),
+    Column("pitch_pl_deg", "degree", "protection level of the pitch", "%.6f"),
+    Column("roll_pl_deg", "degree", "protection level of the roll", "%.6f"),
 )
 
 
@@ -58,3 +62,5 @@ def attitude_arrays(solution):
     for row, column in ((0, 1), (0, 2), (1, 2)):
         yield np.degrees(np.degrees(solution.cov_rad2[:, row, column]))
     yield from geodetic_degrees(solution.position_ecef_m)
+    yield solution.success_probability
+    yield from np.degrees(solution.protection_rad).T

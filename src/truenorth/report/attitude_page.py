@@ -124,10 +124,10 @@ def _verdict(solution, summary):
         text = "none" if stated is None else f"stated sigma {stated:.3f}° (root mean square over the run)"
         rows.append((name.capitalize(), text, ""))
     for name, entry in summary["antennas"].items():
-        text = f"{entry['length_m']:.3f} m, {100.0 * entry['accepted_fraction']:.1f} % of epochs accepted"
+        text = f"{entry['length_m']:.3f} m from the first, used in {100.0 * entry['used_fraction']:.1f} %"
         if entry["excluded_epochs"]:
             text += f", left out in {entry['excluded_epochs']} epochs"
-        rows.append((f"{solution.antennas[0]} to {name}", text, ""))
+        rows.append((f"Antenna {name}", text, ""))
     for name, entry in summary["reasons"].items():
         rows.append(("Not whole", f"{entry['epochs']} epochs, {name}: {entry['sentence']}", ""))
     rows += [("Warning", text, "bad") for text in summary["warnings"]]
