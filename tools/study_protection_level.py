@@ -270,7 +270,9 @@ def multipath_rows(seed, duration_s):
         outcome = np.bincount(found.outcome, minlength=len(Outcome))
         wrong = np.count_nonzero(np.any(known & (error > np.radians(WRONG_DEG)), axis=1))
         passed = np.count_nonzero(result.is_passed)
-        rows.append((name, len(error), passed, wrong, outcome, rms, ratio, out))
+        safe = result.is_passed & (1.0 - solution.success_probability < LEVELS[-1][0])
+        safe = 100.0 * np.count_nonzero(safe) / max(passed, 1)
+        rows.append((name, len(error), passed, wrong, safe, outcome, rms, ratio, out))
     return rows
 
 
@@ -413,16 +415,19 @@ def multipath_page(seed, duration_s, rows):
         "default settings; the noise of the phases is estimated from the run itself. Multipath is correlated "
         "in time and differs in size from satellite to satellite: it is not the white noise of declared size "
         "that the levels assume. Squared error over variance is 1 where the stated covariance is right. "
-        f"Wrong is an attitude off by more than {WRONG_DEG:g} deg, which passed all the same."
+        f"Wrong is an attitude off by more than {WRONG_DEG:g} deg, which passed all the same. The levels "
+        "are those of right integers; safe integers are those whose own stated probability of being wrong is "
+        f"below {LEVELS[-1][0]:g}: where it is not, a level of that risk does not exist."
     )
     lines += table(
         ["scenario", "epochs", "without attitude", "contradicted", "antenna left out", "passed", "wrong",
+         "safe integers, %",
          *angles("rms error, deg"), *angles("squared error / variance")],
         [
             (name, n, outcome[Outcome.NOT_TESTED], outcome[Outcome.NOT_IDENTIFIED : Outcome.NOT_TESTED].sum(),
-             outcome[Outcome.ADAPTED], passed, wrong, *(f"{value:.3f}" for value in rms),
+             outcome[Outcome.ADAPTED], passed, wrong, f"{safe:.0f}", *(f"{value:.3f}" for value in rms),
              *(f"{value:.2f}" for value in ratio))
-            for name, n, passed, wrong, outcome, rms, ratio, _ in rows
+            for name, n, passed, wrong, safe, outcome, rms, ratio, _ in rows
         ],
         1,
     )  # fmt: skip

@@ -139,7 +139,7 @@ class AttitudeReliability:
 
 
 def attitude_reliability(
-    vectors, rot_ned_from_body, *, settings=None, is_used=None, wrong_integer_risk=None, faulty_antennas=None
+    vectors, rot_ned_from_body, *, settings=None, is_used=None, wrong_integer_risk=None, fault_priors=None
 ):
     """Reliability of the adjustment of every epoch's vectors.
 
@@ -155,7 +155,7 @@ def attitude_reliability(
         Vectors on which the attitude rests; by default all that are there.
     wrong_integer_risk : float or ndarray, shape (n,), optional
         Probability that the integers are wrong, instead of that in the settings.
-    faulty_antennas : ndarray, shape (m,), optional
+    fault_priors : ndarray, shape (m,), optional
         Prior probability of a fault of each antenna, instead of the one in the settings.
 
     Returns
@@ -177,9 +177,7 @@ def attitude_reliability(
     >>> np.round(np.degrees(result.external_rad[0]), 3).tolist()
     [0.374, 1.184, 1.184]
     """
-    return _all_blocks(
-        vectors, rot_ned_from_body, None, settings, is_used, wrong_integer_risk, faulty_antennas
-    )
+    return _all_blocks(vectors, rot_ned_from_body, None, settings, is_used, wrong_integer_risk, fault_priors)
 
 
 def filter_reliability(
@@ -190,7 +188,7 @@ def filter_reliability(
     settings=None,
     is_used=None,
     wrong_integer_risk=None,
-    faulty_antennas=None,
+    fault_priors=None,
 ):
     """Reliability of the update of an attitude filter by every epoch's vectors.
 
@@ -203,7 +201,7 @@ def filter_reliability(
     prior_cov_rad2 : ndarray, shape (n, s, s)
         Covariance of the prediction; its first three states are the small rotation in north, east, down
         of ``R = exp([p]x) R_predicted``, radians. The vectors contain no other state.
-    settings, is_used, wrong_integer_risk, faulty_antennas
+    settings, is_used, wrong_integer_risk, fault_priors
         As of `attitude_reliability`.
 
     Returns
@@ -223,7 +221,7 @@ def filter_reliability(
         settings,
         is_used,
         wrong_integer_risk,
-        faulty_antennas,
+        fault_priors,
     )
 
 
@@ -244,15 +242,13 @@ def antenna_shapes(k):
     return np.concatenate([own, -np.tile(np.eye(3), (k, 1))[:, None]], axis=1)
 
 
-def _all_blocks(vectors, rot, prior_cov, settings, is_used, wrong_integer_risk, faulty_antennas):
+def _all_blocks(vectors, rot, prior_cov, settings, is_used, wrong_integer_risk, fault_priors):
     """Fill the results block by block."""
     settings = ReliabilitySettings() if settings is None else settings
     n, m = vectors.vector_ned_m.shape[:2]
     risk = settings.wrong_integer_risk if wrong_integer_risk is None else wrong_integer_risk
     risk = np.broadcast_to(np.asarray(risk, dtype=float), (n,)).copy()
-    prior = (
-        np.full(m, settings.fault_prior) if faulty_antennas is None else np.asarray(faulty_antennas, float)
-    )
+    prior = np.full(m, settings.fault_prior) if fault_priors is None else np.asarray(fault_priors, float)
     shapes = {
         "statistic": (n,), "limit": (n,), "w": (n, m, 3), "estimated_m": (n, m, 3), "residual_m": (n, m, 3),
         "antenna_statistic": (n, m), "antenna_limit": (n, m), "antenna_shift_m": (n, m, 3),
