@@ -8,7 +8,8 @@ north, east, down,
 where C is the whole covariance of all vectors of the epoch: they share the reference antenna and the
 satellites. C_l is that of the body coordinates. Each step turns R by a small vector p,
 R <- exp([p]x) R, until p vanishes; the start is the solution of Wahba's problem by singular values. The
-normal matrix of p gives the covariance of the angles.
+normal matrix of p gives the covariance of the angles, to first order: where one direction of the vectors is
+known to a twentieth of their length only, errors are larger than it by a tenth.
 
 References
 ----------
@@ -43,6 +44,9 @@ __all__ = [
 ]
 
 MAX_STEPS = 20
+GAUSS_NEWTON_STEPS = 4
+"""Vectors that fit have converged by then; the others go on with the bend of the rotation."""
+
 STEP_LIMIT_RAD = 1e-10
 """Below a hundredth of a nanoradian nothing changes that could be measured."""
 
@@ -141,7 +145,7 @@ def fit_rotation(
     normal = np.empty((n, 3, 3))
     live = np.arange(n)
     near = np.zeros(n, bool)
-    for _ in range(MAX_STEPS):
+    for count in range(MAX_STEPS):
         turned = rot[live]
         if fixed is None:
             white = _whitener(total_covariance(cov_ned_m2[live], turned, body_cov_m2))
@@ -156,7 +160,10 @@ def fit_rotation(
             axis = turned @ free_axis_body
             size = np.trace(own, axis1=1, axis2=2)[:, None, None]
             own += size * axis[:, :, None] * axis[:, None, :]
-        step = np.linalg.solve(own, upside @ misfit)[..., 0]
+        if count < GAUSS_NEWTON_STEPS:
+            step = np.linalg.solve(own, upside @ misfit)[..., 0]
+        else:
+            step = _downhill(own + _second_order(white, misfit, fitted), upside @ misfit)
         length = np.sqrt(np.sum(step * step, axis=1))
         step *= np.minimum(1.0, LONGEST_STEP_RAD / np.maximum(length, LONGEST_STEP_RAD))[:, None]
         rot[live] = exp_so3(step) @ turned
@@ -170,6 +177,26 @@ def fit_rotation(
         fixed = _whitener(total_covariance(cov_ned_m2, rot, body_cov_m2))
     white = fixed @ residual_m.reshape(n, 3 * k, 1)
     return RotationFit(rot, np.linalg.inv(normal), residual_m, np.sum(white**2, axis=(1, 2)), near)
+
+
+def _second_order(white, misfit, fitted):
+    """What the bend of a rotation adds to the normal matrix: sum g.y I - (g y^T + y g^T) / 2, g = C^-1 e.
+
+    exp([p]x) y = y + p x y + p x (p x y) / 2. It matters where a weakly measured direction leaves errors as
+    large as the tilt itself.
+    """
+    n, k, _ = fitted.shape
+    force = (np.swapaxes(white, 1, 2) @ misfit).reshape(n, k, 3)
+    mixed = np.einsum("nki,nkj->nij", force, fitted)
+    size = np.trace(mixed, axis1=1, axis2=2)[:, None, None]
+    return size * np.eye(3) - 0.5 * (mixed + np.swapaxes(mixed, 1, 2))
+
+
+def _downhill(curvature, slope):
+    """Steps that lead down, also where the curvature is negative or nearly none."""
+    value, axes = np.linalg.eigh(curvature)
+    value = np.maximum(np.abs(value), 1e-6 * np.max(np.abs(value), axis=1, keepdims=True))
+    return np.einsum("nij,nj->ni", axes, np.einsum("nji,nj->ni", axes, slope[..., 0]) / value)
 
 
 def shared_reference_covariance(cov_ned_m2):
