@@ -25,8 +25,8 @@ from .body_frame import motion_jacobian
 
 __all__ = ["DeclaredCheck", "check_declared"]
 
-CLEARLY_WORSE = 13.8
-"""Another explanation must be worse by this much in chi-square, a likelihood ratio of a thousand."""
+CLEARLY_WORSE = 9.2
+"""Another explanation must be worse by this much in chi-square, a likelihood ratio of a hundred."""
 
 MIN_SD_M = 1e-5
 """No coordinate is declared better than to a hundredth of a millimetre."""
@@ -75,8 +75,8 @@ class DeclaredCheck:
 
     @property
     def agrees(self) -> bool:
-        """bool: Whether all coordinates agree."""
-        return self.statistic <= self.limit
+        """bool: Whether all coordinates agree, together and antenna by antenna."""
+        return self.statistic <= self.limit and bool(np.all(self.antenna_statistic <= self.antenna_limit))
 
     def verdict(self, k: int) -> str:
         """One word for an antenna."""
@@ -87,6 +87,12 @@ class DeclaredCheck:
     def sentence(self) -> str:
         """The outcome in a sentence."""
         test = f"chi-square {self.statistic:.1f} of {self.degrees} degrees of freedom, limit {self.limit:.1f}"
+        worst = int(np.argmax(self.antenna_statistic - self.antenna_limit))
+        if not self.agrees and self.statistic <= self.limit:
+            test += (
+                f"; for {self.names[worst]} alone {self.antenna_statistic[worst]:.1f}, limit "
+                f"{self.antenna_limit[worst]:.1f}"
+            )
         if self.agrees:
             return f"the declared coordinates agree with the measured ones ({test})"
         if not self.is_wrong.any():
@@ -193,7 +199,8 @@ def check_declared(positions_m, cov_m2, declared_m, declared_sd_m, names, *, sig
         [chi2_quantile(1.0 - significance / m, max(degrees - count, 1)) for _, count in single]
     )
     explained = False
-    for size in range(1, m - 1) if total > limit(degrees) else ():
+    contradicts = total > limit(degrees) or bool(np.any(drop > drop_limit))
+    for size in range(1, m - 1) if contradicts else ():
         tried = sorted((left(some)[0], some) for some in combinations(range(m), size))
         best, blamed = tried[0]
         if best <= limit(left(blamed)[1]):

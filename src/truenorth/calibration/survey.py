@@ -206,7 +206,7 @@ def calibrate_array(
         Standard deviation of what stays alike through the whole run, each coordinate of each antenna: phase
         centres, and rays that the platform itself mirrors. It is added to what the scatter shows.
     significance : float
-        False-alarm rate of the test of the declared coordinates.
+        False-alarm rate of the tests of the declared coordinates: of all together, and of single antennas.
 
     Returns
     -------
