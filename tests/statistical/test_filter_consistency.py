@@ -279,3 +279,30 @@ def test_rejecting_filter_diverges_where_published_and_comes_back(dt_s, step_dps
         assert turn[still].max() < 30.0 * MINUTE
     smooth = filter_attitude(vectors, printed(step_dps, direction="smoother"))
     assert not smooth.is_lock_out.any()
+
+
+def test_one_vector_at_a_time():
+    """Receivers that are not synchronous: no epoch has a full attitude; then another reference."""
+    rng = np.random.default_rng(40)
+    noise = (4.0, 4.0, 4.0)
+    time_ns, rot, rate = turning_runs(
+        rng, 300, [0.04, 0.03, 0.03] * 8, rate_noise_dps2_per_s=noise, rate_sd_dps=10.0
+    )
+    n = len(time_ns)
+    turn = np.arange(n) % 25
+    reference = np.where(turn < 12, 0, 3)
+    missing = np.ones((n, 4), dtype=bool)
+    missing[np.arange(n), np.where(turn < 12, 1 + turn % 3, turn % 3)] = False
+    vectors = array_vectors(time_ns, rot, SOLID_M, rng=rng, reference=reference, is_missing=missing)
+    for direction in ("forward", "smoother"):
+        settings = AttitudeFilterSettings(
+            direction=direction, rate_noise_dps2_per_s=noise, initial_rate_sd_dps=10.0, gate=False
+        )
+        filtered = filter_attitude(vectors, settings)
+        has = (filtered.status == FilterStatus.UPDATED).reshape(-1, 25)
+        # The first vector of a run cannot start the filter; the second or third does.
+        assert not has[:, 0].any()
+        assert has[:, 3:].all()
+        error = errors(filtered, rot, rate)
+        for epoch in (6, 12, 24):
+            assert_chi_square(squares(error[epoch::25], filtered.cov[epoch::25]), 6)

@@ -554,6 +554,20 @@ def test_lock_out_is_found_and_ended(recovery, kind):
         assert np.abs(errors(smooth, rot)).max() < 1.0 * DEGREE
 
 
+def test_wrong_start_is_undone():
+    """Integers that are wrong together at the first epoch: a rotated array that fits its coordinates."""
+    rot, vectors = steady(30, body=SOLID_M, rng=np.random.default_rng(16))
+    wrong = vectors.vector_ned_m.copy()
+    wrong[0] = wrong[0] @ exp_so3(np.array([0.5, -0.2, 0.8])).T
+    filtered = filter_attitude(replace(vectors, vector_ned_m=wrong))
+    first, second = np.flatnonzero(filtered.is_start)
+    assert first == 0
+    # At first the rate is so uncertain that part of the turn could be true.
+    assert 5 <= second <= 12
+    assert filtered.is_lock_out[second - 4 : second].all()
+    assert np.abs(errors(filtered, rot))[second:].max() < 1.5 * DEGREE
+
+
 def test_contradicting_vectors_do_not_restart_a_locked_out_filter():
     rot, vectors = steady(60, body=SQUARE_M[:3])
     wrong = vectors.vector_ned_m.copy()

@@ -70,7 +70,8 @@ class Innovation(NamedTuple):
     noise_cov_m2 : ndarray, shape (e, 3 k, 3 k)
         Covariance of the measured vectors, that of the body coordinates included.
     cov_m2 : ndarray, shape (e, 3 k, 3 k)
-        Covariance of the innovation, ``H P H' + R``.
+        Covariance of the innovation, ``H P H' + R``. That the prediction rests on the same body coordinates
+        as the vectors is left out here; the tests of the filter take it in.
     gain : ndarray, shape (e, 6, 3 k)
         ``P H' C_v^-1``: what an innovation adds to rotation and rate.
     """
