@@ -502,6 +502,22 @@ def test_slips_of_two_phases_are_left_out_one_after_the_other():
     assert error < 21.1
 
 
+def test_levels_from_phases_allow_for_satellites():
+    """A satellite at fault at all antennas: a level where the others still determine the angle."""
+    rng = np.random.default_rng(26)
+    epoch, rot, _ = make_epoch(rng)
+    alone = phase_reliability(epoch, rot)
+    settings = ReliabilitySettings(satellite_prior=1e-4)
+    both = phase_reliability(epoch, rot, settings=settings)
+    assert np.all(both.protection_rad > alone.protection_rad)
+    assert np.isfinite(both.protection_rad).all()
+    # Of three satellites none can be missed.
+    three, rot, _ = make_epoch(rng, n_sats=3)
+    assert np.all(
+        phase_reliability(three, rot, settings=settings).protection_state == ProtectionState.NO_REDUNDANCY
+    )
+
+
 def test_unknown_stage_is_refused():
     epoch, rot, _ = make_epoch(np.random.default_rng(20))
     with pytest.raises(ConfigError, match="neither attitude nor vectors"):

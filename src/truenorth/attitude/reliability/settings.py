@@ -1,4 +1,4 @@
-"""What a run demands of its tests, and the risks that its protection levels share out."""
+"""What a run demands of its tests, with the limits that follow from it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ __all__ = ["ReliabilitySettings"]
 
 
 class ReliabilitySettings(ReliabilitySection, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The ``[reliability]`` table with the limits that follow from it."""
+    """The ``[reliability]`` table of a session, and the limits of the tests."""
 
     @property
     def local_limit(self) -> float:
