@@ -112,13 +112,14 @@ def test_errors_are_one_sentence_with_an_exit_code(session, tmp_path):
 
 def test_coordinates_are_written_to_a_tenth_of_a_millimetre(session):
     class Found:
+        sd_body_m = np.array([[0.0, 0.0, 0.0], [0.001, 0.0, 0.0], [0.001, 0.001, 0.0], [0.0, 0.0, 0.001]])
         positions_body_m = np.array(
             [[0.0, -0.00001, 0.0], [2.00004, 0.0, 0.0], [1.0, 1.0, 0.0], [0.8, 0.0, 1.0]]
         )
 
-    places = [
-        antenna.position_body_m for antenna in session_with(Session.read(session), Found).platform.antennas
-    ]
+    written = session_with(Session.read(session), Found)
+    places = [antenna.position_body_m for antenna in written.platform.antennas]
+    assert written.array.position_sd_m == pytest.approx(0.001)
     assert places[0] == (0.0, 0.0, 0.0)
     assert str(places[0][1]) == "0.0"
     assert places[1][0] == 2.0

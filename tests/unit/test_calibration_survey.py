@@ -278,6 +278,9 @@ def test_vectors_of_baselines_are_freed_of_their_length():
     other = vectors_of_solution(Solved)
     assert np.max(np.abs(free[0].baseline_enu_m - bent[0].baseline_enu_m)) > 0.003
     np.testing.assert_allclose(one.vector_ned_m, other.vector_ned_m, atol=1e-6)
+    Solved.baselines = ()
+    with pytest.raises(ConfigError, match="neither vectors nor baselines"):
+        vectors_of_solution(Solved)
     Solved.vectors = one
     assert vectors_of_solution(Solved) is one
     # Half of the covariance is shared.

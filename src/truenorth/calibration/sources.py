@@ -33,10 +33,24 @@ def vectors_of_solution(solution) -> ArrayVectors:
     Returns
     -------
     ArrayVectors
+
+    Raises
+    ------
+    ConfigError
+        If the solution keeps neither.
+
+    Notes
+    -----
+    Whatever the integers of the solution rested on chose them. Where the geometry is in doubt use
+    `survey_session`, which resolves them without it.
     """
     vectors = getattr(solution, "vectors", None)
     if vectors is not None:
         return vectors
+    if len(solution.baselines) == 0:
+        raise ConfigError(
+            "the solution keeps neither vectors nor baselines; solve the session anew", key="vectors"
+        )
     return vectors_of_baselines(
         solution.baselines, solution.positions_body_m, solution.time_ns, names=solution.antennas
     )

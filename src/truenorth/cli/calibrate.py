@@ -28,8 +28,9 @@ def _array(
     ] = "unknown",
     length_sd: Annotated[float, typer.Option(help="Of approximate lengths, metres.")] = 0.05,
     declared_sd: Annotated[
-        float, typer.Option(help="Of each declared coordinate in the test of them, metres.")
-    ] = 0.003,
+        float | None,
+        typer.Option(help="Of each declared coordinate in the test of them, metres; by default [array]'s."),
+    ] = None,
     rule: Annotated[
         str, typer.Option(help="Frame of the result: declared (best fit to it) or axes.")
     ] = "declared",
@@ -81,7 +82,7 @@ def calibrate_session(
     out: Path | None = None,
     lengths: str = "unknown",
     length_sd_m: float = 0.05,
-    declared_sd_m: float = 0.003,
+    declared_sd_m: float | None = None,
     rule: str = "declared",
     axes: tuple[str, ...] | None = None,
     moving: bool | None = None,
@@ -161,7 +162,7 @@ def calibrate_session(
         calibration = calibrate_array(
             vectors,
             declared_m=declared,
-            declared_sd_m=declared_sd_m,
+            declared_sd_m=session.array.position_sd_m if declared_sd_m is None else declared_sd_m,
             moving="auto" if moving is None else moving,
             rule=rule if known else "axes",
             axes=chosen,
@@ -228,7 +229,8 @@ def session_with(session: Session, calibration: ArrayCalibration) -> Session:
     Returns
     -------
     Session
-        Of two antennas without coordinates: with the measured length.
+        Its ``[array]`` says how well they are known. Of two antennas without coordinates: with the
+        measured length.
     """
     import msgspec
 
@@ -248,7 +250,11 @@ def session_with(session: Session, calibration: ArrayCalibration) -> Session:
     )
     gnss = msgspec.structs.replace(gnss, length_m=None)
     platform = msgspec.structs.replace(platform, antennas=antennas, length_m=None)
-    return msgspec.structs.replace(session, platform=platform, gnss=gnss)
+    # Of those that the rule leaves free.
+    sd_m = calibration.sd_body_m[calibration.sd_body_m > 0.0]
+    known_m = round(float((sd_m**2).mean() ** 0.5), 4) if len(sd_m) else 0.0
+    array = msgspec.structs.replace(session.array, position_sd_m=known_m)
+    return msgspec.structs.replace(session, platform=platform, gnss=gnss, array=array)
 
 
 def _theodolite(
