@@ -239,6 +239,7 @@ def test_choice_of_the_reference_does_not_matter():
     assert_same(filter_attitude(one), filter_attitude(other), rtol=1e-8)
 
 
+@pytest.mark.jit
 def test_blocks_give_the_same_as_the_whole(monkeypatch):
     rng = np.random.default_rng(9)
     time_ns, rot, _ = turning_runs(rng, 3, [0.1] * 40, rate_noise_dps2_per_s=[40.0] * 3, rate_sd_dps=10.0)
@@ -361,6 +362,7 @@ def test_smoother_never_knows_less_than_the_filter():
     np.testing.assert_allclose(smoother.cov[last], forward.cov[last])
 
 
+@pytest.mark.jit
 def test_times_between_epochs_change_nothing_at_the_epochs():
     rng = np.random.default_rng(13)
     time_ns, rot, _ = turning_runs(rng, 1, [0.2] * 30, rate_noise_dps2_per_s=[40.0] * 3, rate_sd_dps=9.0)
@@ -580,6 +582,7 @@ def test_contradicting_vectors_do_not_restart_a_locked_out_filter():
     assert np.abs(errors(filtered, rot)).max() < 0.5 * DEGREE
 
 
+@pytest.mark.jit
 def test_body_coordinates_do_not_average_out():
     _, vectors = steady(400, sd_m=0.001)
     sd_m = 0.004
