@@ -14,7 +14,7 @@ chapter 6.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,8 +27,10 @@ from ..config import GnssSettings, Session
 from ..constants import BAND_CLASSES, SYSTEMS
 from ..errors import ConfigError, NoSolutionError, Status
 from ..formats import read_navigation, read_observations
+from ..frames import ecef_from_geodetic
 from ..navigation import Navigation
 from ..observations import LLI_SLIP, Observations
+from ..positioning.dops import baseline_dops
 from ..timescales import NS_PER_S, format_gpst
 from .comparison import Comparison, compare
 
@@ -177,9 +179,8 @@ class RateResult:
     refix_s : ndarray, shape (n_obstructions,)
         Time to re-fix after each obstruction; NaN where none came before the next one.
     consistency : float
-        Mean square of what must be normal with variance 1 without any reference: of a baseline the
-        measured less the declared length over its stated sigma; of an array chi-square over its degrees of
-        freedom. NaN where there is nothing to compare.
+        Mean square of measured lengths over their stated sigma, which no reference is needed for: of a
+        baseline about their middle, of an array about the body coordinates. 1 where sigma is honest.
     pdop : ndarray, shape (n,)
         At the solved epochs.
     quality : ndarray of uint8, shape (n,)
@@ -359,7 +360,7 @@ _LABELS = {
     "largest_spacing_m": "longest way without, m",
     "refix_median_s": "time to re-fix, median, s",
     "refix_longest_s": "time to re-fix, longest, s",
-    "consistency": "scatter over stated, squared",
+    "consistency": "length scatter over stated, sq.",
     "satellites_fewest": "satellites, fewest",
     "satellites_median": "satellites, median",
     "pdop_median": "PDOP, median",
@@ -446,18 +447,18 @@ def compare_rates(
     time_ns, n_common = _common_satellites(recording)
     obstructions = _obstructions(time_ns, n_common)
     total = sum(group[0].n_epochs for group in thinned)
-    way_m, results, done = None, [], 0
+    way, results, done = None, [], 0
     order = np.argsort(rates)[::-1]  # The fastest tells best where the platform went.
     for k in order:
         told = _shifted(progress, done, total)
         solution = _solve(recording, thinned[k], told)
         done += thinned[k][0].n_epochs
-        if way_m is None:
-            way_m = _way_of(solution)
         comparison = None
         if reference is not None:
             comparison = compare(solution, reference, baseline_body_m=body_m)
-        results.append(_result(rates[k], solution, time_ns, obstructions, way_m, comparison))
+        if way is None:
+            way = _way_of(solution, comparison)
+        results.append(_result(rates[k], solution, time_ns, obstructions, way, comparison))
     return RateStudy(
         results=tuple(results[int(np.flatnonzero(order == k)[0])] for k in range(len(rates))),
         obstructions=obstructions,
@@ -527,6 +528,7 @@ def _solve(
         names=recording.names,
         settings=recording.settings,
         progress=progress,
+        keep_residuals=True,
     )
 
 
@@ -587,21 +589,30 @@ def _obstructions(time_ns: np.ndarray, n_common: np.ndarray) -> tuple[Obstructio
     return tuple(found)
 
 
-def _way_of(solution: BaselineSolution | AttitudeSolution) -> tuple[np.ndarray, np.ndarray]:
-    """Seconds and way along the route, from positions averaged over a second."""
-    known = np.isfinite(solution.position_ecef_m).all(1)
-    second, place = np.unique(solution.time_ns[known] // NS_PER_S, return_inverse=True)
-    if len(second) < 2:
+def _way_of(
+    solution: BaselineSolution | AttitudeSolution, comparison: Comparison | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Seconds and way along the route: of the reference, or from positions averaged over a second."""
+    if comparison is not None and comparison.latitude_deg is not None:
+        time_ns, slowest_mps = comparison.time_ns, 0.01
+        position_m = ecef_from_geodetic(
+            np.radians(comparison.latitude_deg), np.radians(comparison.longitude_deg), 0.0
+        )
+    else:
+        time_ns, position_m, slowest_mps = solution.time_ns, solution.position_ecef_m, MOVING_MPS
+    known = np.isfinite(position_m).all(1)
+    time_ns, position_m = time_ns[known], position_m[known]
+    if len(time_ns) < 2:
         return np.zeros(1), np.zeros(1)
-    count = np.bincount(place)
-    time_ns = np.bincount(place, (solution.time_ns[known] - solution.time_ns[0]).astype(float)) / count
-    mean_m = np.stack(
-        [np.bincount(place, solution.position_ecef_m[known, i]) / count for i in range(3)], axis=-1
-    )
-    step_m = np.linalg.norm(np.diff(mean_m, axis=0), axis=1)
-    step_s = np.diff(time_ns) / NS_PER_S
-    step_m[step_m < MOVING_MPS * step_s] = 0.0
-    return time_ns / NS_PER_S + solution.time_ns[0] / NS_PER_S, np.concatenate(([0.0], np.cumsum(step_m)))
+    time_s = (time_ns - time_ns[0]) / NS_PER_S
+    if slowest_mps == MOVING_MPS:
+        _, place = np.unique(time_ns // NS_PER_S, return_inverse=True)
+        count = np.bincount(place)
+        time_s = np.bincount(place, time_s) / count
+        position_m = np.stack([np.bincount(place, position_m[:, i]) / count for i in range(3)], axis=-1)
+    step_m = np.linalg.norm(np.diff(position_m, axis=0), axis=1)
+    step_m[step_m < slowest_mps * np.diff(time_s)] = 0.0
+    return time_s + time_ns[0] / NS_PER_S, np.concatenate(([0.0], np.cumsum(step_m)))
 
 
 def _result(
@@ -647,31 +658,69 @@ def _result(
 
 
 def _consistency(solution: BaselineSolution | AttitudeSolution) -> float:
-    """Mean square over stated variance of what the solution can compare with what it was told."""
-    accepted = solution.is_accepted
-    if isinstance(solution, AttitudeSolution):
-        dof = 3 * solution.n_baselines[accepted] - 3
-        known = (dof > 0) & np.isfinite(solution.chi2[accepted])
-        return float(solution.chi2[accepted][known].sum() / dof[known].sum()) if np.any(known) else np.nan
-    declared_m = solution.settings.get("length_m")
-    if declared_m is None:
-        return np.nan
-    variance = solution.length_sd_m[accepted] ** 2 + solution.settings.get("length_sd_m", 0.0) ** 2
-    ratio = (solution.length_m[accepted] - declared_m) ** 2 / variance
-    ratio = ratio[np.isfinite(ratio)]
-    return float(ratio.mean()) if len(ratio) else np.nan
+    """Mean square of measured lengths about what they should be, over their stated variances."""
+    if isinstance(solution, BaselineSolution):
+        good = solution.is_accepted & np.isfinite(solution.length_m) & (solution.length_sd_m > 0.0)
+        if np.count_nonzero(good) < 3:
+            return np.nan
+        # About their own middle: what is wrong with the declared length is told elsewhere.
+        off_m = solution.length_m[good] - np.median(solution.length_m[good])
+        return float(np.mean((off_m / solution.length_sd_m[good]) ** 2))
+    squares = [value for *_, value in _vectors_of(solution)]
+    whole = np.concatenate(squares) if squares else np.zeros(0)
+    whole = whole[np.isfinite(whole)]
+    return float(whole.mean()) if len(whole) else np.nan
+
+
+def _vectors_of(solution: AttitudeSolution) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Epochs, expected error in space, and squared misfit of the length over its variance, by antenna."""
+    vectors = solution.vectors
+    if vectors is None:
+        return
+    accepted = solution.is_accepted & (vectors.reference >= 0)
+    body_m = vectors.positions_body_m
+    for k in range(len(body_m)):
+        rows = np.flatnonzero(accepted & np.isfinite(vectors.vector_ned_m[:, k, 0]))
+        if len(rows) == 0:
+            continue
+        b = vectors.vector_ned_m[rows, k].astype(float)
+        cov = vectors.cov_ned_m2[rows][:, 3 * k : 3 * k + 3, 3 * k : 3 * k + 3].astype(float)
+        size_m = np.linalg.norm(b, axis=1)
+        variance = np.einsum("ni,nij,nj->n", b, cov, b) / size_m**2
+        length_m = np.linalg.norm(body_m[k] - body_m[vectors.reference[rows]], axis=1)
+        yield rows, np.sqrt(np.einsum("nii->n", cov)), (size_m - length_m) ** 2 / variance
 
 
 def _pdop_and_quality(solution: BaselineSolution | AttitudeSolution) -> tuple[np.ndarray, np.ndarray]:
-    """Of an array those of its worst baseline that took part."""
+    """Of an array the PDOP of the satellites that any antenna used, and the class of its worst vector."""
     if isinstance(solution, BaselineSolution):
         return np.where(solution.status == Status.NONE, np.nan, solution.pdop), solution.quality
-    pdop = np.full(solution.n_epochs, np.nan)
     quality = np.zeros(solution.n_epochs, np.uint8)
-    for k, baseline in enumerate(solution.baselines):
-        rows = np.flatnonzero(np.isin(solution.time_ns, baseline.time_ns))
-        at = np.searchsorted(baseline.time_ns, solution.time_ns[rows])
-        used = solution.is_used[rows, k]
-        pdop[rows] = np.where(used, np.fmax(pdop[rows], baseline.pdop[at]), pdop[rows])
-        quality[rows] = np.where(used, np.maximum(quality[rows], baseline.quality[at]), quality[rows])
-    return pdop, quality
+    for rows, error_m, _ in _vectors_of(solution):
+        # Integers: 1 up to 0.15 m, else 2 (Landfahrer 2009, table 5.1).
+        quality[rows] = np.maximum(quality[rows], np.where(error_m <= 0.15, 1, 2))
+    return _array_pdop(solution), quality
+
+
+def _array_pdop(solution: AttitudeSolution) -> np.ndarray:
+    """PDOP of the satellites whose phases took part, or of the worst baseline; NaN where nothing tells."""
+    pdop = np.full(solution.n_epochs, np.nan)
+    for baseline in solution.baselines:
+        _, here, there = np.intersect1d(
+            solution.time_ns, baseline.time_ns, assume_unique=True, return_indices=True
+        )
+        own = np.where(baseline.status[there] == Status.NONE, np.nan, baseline.pdop[there])
+        pdop[here] = np.fmax(pdop[here], own)
+    residuals = solution.residuals
+    if residuals is None or len(residuals.epoch) == 0:
+        return pdop
+    key = residuals.epoch * 1000 + residuals.sat
+    key, first = np.unique(key, return_index=True)
+    azimuth, elevation = residuals.azimuth_rad[first], residuals.elevation_rad[first]
+    enu = np.stack(
+        [np.cos(elevation) * np.sin(azimuth), np.cos(elevation) * np.cos(azimuth), np.sin(elevation)], -1
+    )
+    start = np.searchsorted(key // 1000, np.arange(solution.n_epochs + 1))
+    system = (key % 1000) // 100
+    found = baseline_dops(enu, 0.0, 0.0, group=system, epoch_start=start).pdop
+    return np.where(solution.status == Status.NONE, np.nan, found)
