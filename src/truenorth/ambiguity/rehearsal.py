@@ -1,13 +1,15 @@
-"""Six made-up satellites over two epochs: enough to make Numba compile the engine ahead of its use."""
+"""Six made-up satellites: enough to make Numba compile an engine or a search ahead of its use."""
 
 import numpy as np
 
 from ..config import GnssSettings
 from ..observations import NO_CHANNEL, Observations, sat_id, signal_id
+from .array_model import ArrayEpoch
 from .differencing import SingleDifferences
+from .joint import resolve_joint
 from .resolution import resolve_epochs
 
-__all__ = ["rehearse_engine"]
+__all__ = ["rehearse_engine", "rehearse_search"]
 
 
 def rehearse_engine():
@@ -68,4 +70,31 @@ def rehearse_engine():
     )
     return resolve_epochs(
         differences, observations, observations, GnssSettings(length_m=1.0, single_epoch=True)
+    )
+
+
+def rehearse_search():
+    """Search the integers of a made-up array of four antennas; compiles, and caches, the joint search."""
+    body_m = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
+    azimuth, elevation = np.arange(6) * 1.1, np.linspace(1.3, 0.4, 6)
+    design = -np.stack(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), -np.sin(elevation)], axis=1
+    )
+    antenna, satellite = np.tile(np.arange(4), 6), np.repeat(np.arange(6), 4)
+    distance = np.sum(design[satellite] * body_m[antenna], axis=1)
+    n = len(antenna)
+    return resolve_joint(
+        ArrayEpoch(
+            antenna=antenna,
+            satellite=satellite,
+            group=np.zeros(n, np.int64),
+            phase_m=distance,
+            code_m=distance.copy(),
+            design_ned=design[satellite],
+            wavelength_m=np.full(n, 0.19),
+            phase_variance_m2=np.full(n, 1e-5),
+            code_variance_m2=np.full(n, 0.1),
+            positions_body_m=body_m,
+            position_sd_m=0.001,
+        )
     )

@@ -122,7 +122,7 @@ def solve_array(
         if solution is None or np.mean(below.is_accepted) > np.mean(solution.is_accepted):
             solution = below
             said += below.warnings
-    if array.method != "adjustment" and solution.level == "joint":
+    if array.method != "adjustment":
         solution = solve_by_method(solution, array.method)
     if attitude_filter is not None:
         solution = filter_solution(solution, attitude_filter)

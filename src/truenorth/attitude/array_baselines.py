@@ -22,7 +22,6 @@ from .array_vectors import ArrayVectors
 from .baselines import RESIDUAL_ROWS, solve_baseline
 from .geometry_checks import GeometryCheckSettings
 from .solution import EpochEvent
-from .vector_methods import attitude_from_vectors
 from .vectors import shared_reference_covariance
 
 __all__ = ["attitude_from_baselines", "solve_by_baselines"]
@@ -56,7 +55,7 @@ def solve_by_baselines(
     settings : GnssSettings
         Of every baseline; ``length_sd_m`` is how well the distances are known.
     array : ArraySettings, optional
-        ``method`` and ``angle_tolerance_deg``.
+        ``angle_tolerance_deg`` and ``keep_vectors``.
     names : sequence of str
         Of the antennas.
     length : bool
@@ -140,7 +139,7 @@ def attitude_from_baselines(baselines, positions_body_m, time_ns, *, names, sett
     settings : GnssSettings
         ``residual_significance``, ``length_sd_m`` and ``max_time_difference_s`` are used.
     array : ArraySettings, optional
-        ``method`` and ``angle_tolerance_deg``; the defaults where omitted.
+        ``angle_tolerance_deg`` and ``keep_vectors``; the defaults where omitted.
 
     Returns
     -------
@@ -187,10 +186,8 @@ def attitude_from_baselines(baselines, positions_body_m, time_ns, *, names, sett
     epoch_status = np.where(a.is_solved, np.where(held, Status.HELD, Status.FIXED), Status.NONE)
     fewest = np.where(a.is_used, n_sats, np.iinfo(np.int16).max).min(1)
     vectors = None
-    if array.keep_vectors or array.method != "adjustment":
+    if array.keep_vectors:
         vectors = _joint_vectors(time_ns, vector_m, cov_m2, accepted & a.is_used, positions_body_m, names, a)
-    if array.method != "adjustment":
-        _solve_again(vectors, array.method, a)
     with_reference = a.is_used.any(1, keepdims=True)
     solution = AttitudeSolution(
         time_ns=time_ns,
@@ -210,7 +207,7 @@ def attitude_from_baselines(baselines, positions_body_m, time_ns, *, names, sett
         position_ecef_m=position_ecef_m,
         antennas=tuple(names),
         positions_body_m=np.asarray(positions_body_m),
-        vectors=vectors if array.keep_vectors else None,
+        vectors=vectors,
         baselines=tuple(baselines),
         settings=msgspec.to_builtins(settings) | {"array": msgspec.to_builtins(array)},
     )
@@ -234,15 +231,6 @@ def _joint_vectors(time_ns, vector_m, cov_m2, is_used, positions_body_m, names, 
         time_ns, reference, vector, cov, np.asarray(positions_body_m, float), adjustment.body_cov_m2,
         tuple(names),
     )  # fmt: skip
-
-
-def _solve_again(vectors, method, adjustment):
-    """The attitude by a classical method, from the vectors that the adjustment found to agree."""
-    fit = attitude_from_vectors(vectors, method)
-    adjustment.angle_rad[:], adjustment.cov_rad2[:] = fit.angles_rad, fit.cov_rad2
-    adjustment.rot[:] = fit.rot_ned_from_body
-    lost = adjustment.is_solved & ~fit.is_solved
-    adjustment.reason[lost], adjustment.is_solved[lost] = fit.reason[lost], False
 
 
 def _stand_alone(cov_m2, length_m):

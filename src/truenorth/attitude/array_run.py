@@ -12,12 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..ambiguity.array_rows import ArcBook, build_array_rows
+from ..ambiguity.array_rows import ArcBook, ArrayRows, build_array_rows
+from ..config import ArraySettings, GnssSettings
 from ..errors import Reason
 from ..observations import Observations, sat_name, signal_name
 from ..timescales import NS_PER_S
 
-__all__ = ["EXCLUDED", "USED", "ArrayEngine", "ArrayRun", "EngineBlock"]
+__all__ = ["EXCLUDED", "USED", "ArrayEngine", "ArrayRun", "EngineBlock", "compile_engine"]
 
 USED, EXCLUDED = 1, 2
 """Parts of an antenna in an epoch, as of `truenorth._kernels.array_engine`."""
@@ -55,6 +56,16 @@ EVENTS = {
     8: ("released", "integers of {antenna} released after {statistic:.0f} epochs against the others"),
 }  # fmt: skip
 """Kinds of events of the compiled engine and their sentences."""
+
+
+def compile_engine():
+    """Run the engine over one epoch without observations; compiles, and caches, it."""
+    none, number = np.empty(0), np.empty(0, np.int64)
+    rows = ArrayRows(
+        np.zeros(1, np.int64), np.full((1, 3), np.nan), np.zeros(2, np.int64), number, number, number, number,
+        number, number, none, none, np.empty((0, 3)), none, none, none, none, none,
+    )  # fmt: skip
+    ArrayEngine(np.zeros((2, 3)), GnssSettings(), ArraySettings()).step(rows)
 
 
 class ArrayRun:

@@ -51,7 +51,7 @@ def run_demo(out: Path, *, open_page: bool | None = None, as_json: bool = False)
 
     started = time.perf_counter()
     scenario = read_scenario(SCENARIO)
-    with working("simulating") as progress, engine_compiled_meanwhile() as was_new:
+    with working("simulating") as progress, engine_compiled_meanwhile("array") as was_new:
         written = write_simulation(scenario, out, progress=progress)
         assert written.session is not None  # four antennas are a session
         simulated = time.perf_counter()

@@ -17,14 +17,18 @@ __all__ = ["compile_kernels", "compile_positions", "engine_compiled_meanwhile"]
 PATIENCE_S = 300.0
 """The other process may take so long; after that this one compiles what is missing itself."""
 
-_ENGINE = "from truenorth.ambiguity.rehearsal import rehearse_engine; rehearse_engine()"
+_REHEARSALS = {
+    "pair": "from truenorth.ambiguity.rehearsal import rehearse_engine; rehearse_engine()",
+    "array": "from truenorth.ambiguity.rehearsal import rehearse_search; rehearse_search()",
+}
 
 
 def compile_kernels(session: Session) -> float:
     """Compile what a run of the session needs, if nothing is compiled yet.
 
-    The engine, which takes more than half of the time, is compiled by a second process on made-up
-    satellites, while this one compiles readers and positions on two epochs of the session's own files.
+    The engine, or the joint search of an array, which takes more than half of the time, is compiled by a
+    second process on made-up satellites, while this one compiles readers and positions on two epochs of the
+    session's own files.
 
     Parameters
     ----------
@@ -38,7 +42,7 @@ def compile_kernels(session: Session) -> float:
     """
     started = time.perf_counter()
     try:
-        with engine_compiled_meanwhile() as is_needed:
+        with engine_compiled_meanwhile("array" if session.is_array else "pair") as is_needed:
             if not is_needed:
                 return 0.0
             compile_positions(session)
@@ -49,8 +53,13 @@ def compile_kernels(session: Session) -> float:
 
 
 @contextmanager
-def engine_compiled_meanwhile() -> Iterator[bool]:
+def engine_compiled_meanwhile(kind: str = "pair") -> Iterator[bool]:
     """Let a second process compile the engine while this one does something else; wait for it at the end.
+
+    Parameters
+    ----------
+    kind : {"pair", "array"}
+        The engine of two antennas, or the joint search of more.
 
     Yields
     ------
@@ -59,15 +68,17 @@ def engine_compiled_meanwhile() -> Iterator[bool]:
     """
     from .progress import kernels_are_compiled, mark_kernels_compiled
 
-    if kernels_are_compiled():
+    if kernels_are_compiled(kind):
         yield False
         return
     quiet = subprocess.DEVNULL
-    engine = subprocess.Popen([sys.executable, "-c", _ENGINE], stdin=quiet, stdout=quiet, stderr=quiet)
+    engine = subprocess.Popen(
+        [sys.executable, "-c", _REHEARSALS[kind]], stdin=quiet, stdout=quiet, stderr=quiet
+    )
     try:
         yield True
         if engine.wait(PATIENCE_S) == 0:
-            mark_kernels_compiled()
+            mark_kernels_compiled(kind)
     except subprocess.TimeoutExpired:
         pass  # What is missing is compiled where it is needed.
     finally:
@@ -84,3 +95,7 @@ def compile_positions(session: Session) -> None:
     paths = session.observation_paths
     navigation = read_navigation(*(session.gnss.navigation or paths))
     solve_single_point(next(iter_observations(paths[0], block_epochs=2)), navigation)
+    if session.is_array:
+        from ..attitude.array_run import compile_engine
+
+        compile_engine()

@@ -39,14 +39,30 @@ def working(text: str) -> Iterator[Callable[[int, int], None] | None]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def kernels_are_compiled() -> bool:
-    """Whether a run has compiled the present kernels before, by the mark that it left."""
-    return any(mark.is_file() for mark in _marks())
+def kernels_are_compiled(kind: str = "pair") -> bool:
+    """Whether a run has compiled the present kernels before, by the mark that it left.
+
+    Parameters
+    ----------
+    kind : {"pair", "array"}
+        Those of two antennas, or of more.
+
+    Returns
+    -------
+    bool
+    """
+    return any(mark.is_file() for mark in _marks(kind))
 
 
-def mark_kernels_compiled() -> None:
-    """Leave the mark of a first run beside Numba's cache, where that can be written."""
-    for mark in _marks():
+def mark_kernels_compiled(kind: str = "pair") -> None:
+    """Leave the mark of a first run beside Numba's cache, where that can be written.
+
+    Parameters
+    ----------
+    kind : {"pair", "array"}
+        Those of two antennas, or of more.
+    """
+    for mark in _marks(kind):
         try:
             mark.parent.mkdir(parents=True, exist_ok=True)
             mark.touch()
@@ -55,11 +71,11 @@ def mark_kernels_compiled() -> None:
         return
 
 
-def _marks() -> list[Path]:
+def _marks(kind: str) -> list[Path]:
     """Where the mark may be: Numba's folders, in its own order."""
     from .._kernels import fingerprint
 
     named = os.environ.get("NUMBA_CACHE_DIR")
     kernels = Path(__file__).parent.parent / "_kernels"
     folders = [Path(named)] if named else [kernels / "__pycache__", Path.home() / ".cache" / "numba"]
-    return [folder / f"truenorth-{fingerprint()[:16]}.compiled" for folder in folders]
+    return [folder / f"truenorth-{fingerprint()[:16]}-{kind}.compiled" for folder in folders]
