@@ -22,6 +22,7 @@ import numpy as np
 import truenorth
 from truenorth import solve_baseline
 from truenorth.attitude import solve_array
+from truenorth.config import ArraySettings
 from truenorth.errors import Status
 from truenorth.observations import sat_name
 from truenorth.simulation import Simulator, read_scenario, simulate
@@ -184,7 +185,7 @@ def slip_run(seed, rate_hz, method, overrides=(), stochastic=None, duration_s=12
         observations, [antenna.position_body_m for antenna in scenario.platform.antennas],
         session.navigation, names=names, systems="G", bands=("L1",), method=method,
         elevation_mask_deg=scenario.solve.elevation_mask_deg, keep_residuals=True,
-        stochastic=stochastic or {},
+        stochastic=stochastic or {}, array=ArraySettings(resolution="baselines"),
     )  # fmt: skip
     step_ns = every * scenario.interval_ns
     slipped = {}
