@@ -19,7 +19,7 @@ import numpy as np
 
 import truenorth
 from truenorth.evaluation import compare_rates
-from truenorth.evaluation.update_rates import point_spacing_m
+from truenorth.evaluation.decimation import point_spacing_m
 from truenorth.report.planning_figures import rates_figure, save_plan_figure
 from truenorth.simulation import simulate
 from truenorth.timescales import NS_PER_S

@@ -9,7 +9,7 @@ import truenorth as tn
 from simulated_sessions import pair
 from truenorth.errors import ConfigError, NoSolutionError, Status
 from truenorth.evaluation import compare_rates
-from truenorth.evaluation.update_rates import decimate, point_spacing_m
+from truenorth.evaluation.decimation import decimate, point_spacing_m
 from truenorth.observations import LLI_SLIP
 from truenorth.timescales import NS_PER_S
 

@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 
@@ -29,12 +29,13 @@ from ..errors import ConfigError, NoSolutionError, Status
 from ..formats import read_navigation, read_observations
 from ..frames import ecef_from_geodetic
 from ..navigation import Navigation
-from ..observations import LLI_SLIP, Observations
+from ..observations import Observations
 from ..positioning.dops import baseline_dops
 from ..timescales import NS_PER_S, format_gpst
 from .comparison import Comparison, compare
+from .decimation import decimate, median_interval_ns
 
-__all__ = ["Obstruction", "RateResult", "RateStudy", "compare_rates", "decimate", "point_spacing_m"]
+__all__ = ["Obstruction", "RateResult", "RateStudy", "compare_rates"]
 
 FEWEST_SATELLITES = 4
 """Without so many common to all antennas nothing can be resolved."""
@@ -44,97 +45,6 @@ MERGED_WITHIN_S = 1.0
 
 MOVING_MPS = 1.0
 """Slower counts as standing, for positions of single epochs wander by decimetres."""
-
-
-def point_spacing_m(speed_mps: float | np.ndarray, rate_hz: float | np.ndarray) -> Any:
-    """Distance between points along the route.
-
-    Parameters
-    ----------
-    speed_mps : float or ndarray
-        Of the platform.
-    rate_hz : float or ndarray
-        Update rate.
-
-    Returns
-    -------
-    float or ndarray
-        Metres.
-
-    Examples
-    --------
-    >>> round(point_spacing_m(60.0 / 3.6, 20.0), 2)
-    0.83
-    """
-    return speed_mps / rate_hz
-
-
-def decimate(observations: Observations, rate_hz: float, *, start_ns: int | None = None) -> Observations:
-    """Keep the epochs that a receiver of a lower rate would have given.
-
-    Parameters
-    ----------
-    observations : Observations
-        The full recording.
-    rate_hz : float
-        Epochs in a second that remain.
-    start_ns : int, optional
-        An instant of the grid; by default whole seconds of GPS time.
-
-    Returns
-    -------
-    Observations
-        With every loss of lock since the last epoch that was kept.
-
-    Raises
-    ------
-    ConfigError
-        If the recording has not that many epochs in a second.
-    """
-    if not rate_hz > 0.0 or not np.isfinite(rate_hz):
-        raise ConfigError(f"`rates` holds {rate_hz!r}; give positive rates in hertz", key="rates")
-    time_ns = observations.time_ns
-    if len(time_ns) < 2:
-        raise NoSolutionError("could not thin the recording: it has fewer than two epochs")
-    own_ns = _interval_ns(time_ns)
-    step_ns = NS_PER_S / rate_hz
-    if step_ns < 0.99 * own_ns:
-        raise ConfigError(
-            f"`rates` holds {rate_hz:g} Hz, but the recording has {NS_PER_S / own_ns:g} Hz; give no more",
-            key="rates",
-            value=rate_hz,
-        )
-    if abs(step_ns - own_ns) < 0.01 * own_ns:
-        return observations
-    origin = int(start_ns) if start_ns is not None else int(time_ns[0]) // NS_PER_S * NS_PER_S
-    slot = np.rint((time_ns - origin) / step_ns).astype(np.int64)
-    off_ns = np.abs(time_ns - origin - slot * step_ns)
-    near = np.flatnonzero(off_ns <= 0.5 * own_ns + 1.0)
-    # One epoch a slot, the nearest.
-    order = near[np.lexsort((off_ns[near], slot[near]))]
-    _, first = np.unique(slot[order], return_index=True)
-    keep = np.zeros(len(time_ns), dtype=bool)
-    keep[order[first]] = True
-    return _with_slips_between(observations, keep).select_epochs(keep)
-
-
-def _with_slips_between(observations: Observations, keep: np.ndarray) -> Observations:
-    """Flag the kept rows whose signal lost lock in an epoch that goes."""
-    channel = observations.sat.astype(np.int64) * 1000 + observations.signal
-    order = np.lexsort((np.arange(len(channel)), channel))
-    slipped = (observations.lli[order] & LLI_SLIP) > 0
-    kept = keep[observations.epoch_of_row][order]
-    # Slips up to each row less those up to the kept row before it, within the same signal.
-    count = np.cumsum(slipped)
-    chosen = np.flatnonzero(kept)
-    before = np.zeros(len(chosen), dtype=np.int64)
-    same = np.zeros(len(chosen), dtype=bool)
-    same[1:] = channel[order][chosen[1:]] == channel[order][chosen[:-1]]
-    before[1:] = count[chosen[:-1]]
-    lost = np.where(same, count[chosen] > before, slipped[chosen])
-    lli = observations.lli.copy()
-    lli[order[chosen[lost]]] |= LLI_SLIP
-    return replace(observations, lli=lli)
 
 
 @dataclass(frozen=True, slots=True)
@@ -464,7 +374,7 @@ def compare_rates(
         obstructions=obstructions,
         time_ns=time_ns,
         n_common=n_common,
-        recorded_hz=round(NS_PER_S / _interval_ns(time_ns), 6),
+        recorded_hz=round(NS_PER_S / median_interval_ns(time_ns), 6),
     )
 
 
@@ -538,21 +448,17 @@ def _shifted(progress: Callable[[int, int], None] | None, done: int, total: int)
     return lambda here, of_here: progress(done + here, total)
 
 
-def _interval_ns(time_ns: np.ndarray) -> int:
-    return int(np.median(np.diff(time_ns))) if len(time_ns) > 1 else NS_PER_S
-
-
 def _common_satellites(recording: _Recording) -> tuple[np.ndarray, np.ndarray]:
     """Epochs of the recording's grid, missing ones included, and the satellites that all antennas have."""
     first = recording.observations[0]
-    step_ns = _interval_ns(first.time_ns)
+    step_ns = median_interval_ns(first.time_ns)
     origin = int(first.time_ns[0])
     n = round((int(first.time_ns[-1]) - origin) / step_ns) + 1
     settings = recording.settings
     systems = [SYSTEMS.index(letter) for letter in settings.systems]
     wanted = np.zeros((len(SYSTEMS), 10), dtype=bool)
     for band in settings.bands:
-        for letter, digits in BAND_CLASSES[band].items():
+        for letter, digits in cast("dict[str, tuple[int, ...]]", BAND_CLASSES[band]).items():
             wanted[SYSTEMS.index(letter), list(digits)] = True
     common = None
     for observations in recording.observations:
@@ -593,11 +499,10 @@ def _way_of(
     solution: BaselineSolution | AttitudeSolution, comparison: Comparison | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Seconds and way along the route: of the reference, or from positions averaged over a second."""
-    if comparison is not None and comparison.latitude_deg is not None:
+    place_deg = (None, None) if comparison is None else (comparison.latitude_deg, comparison.longitude_deg)
+    if comparison is not None and place_deg[0] is not None and place_deg[1] is not None:
         time_ns, slowest_mps = comparison.time_ns, 0.01
-        position_m = ecef_from_geodetic(
-            np.radians(comparison.latitude_deg), np.radians(comparison.longitude_deg), 0.0
-        )
+        position_m = ecef_from_geodetic(np.radians(place_deg[0]), np.radians(place_deg[1]), 0.0)
     else:
         time_ns, position_m, slowest_mps = solution.time_ns, solution.position_ecef_m, MOVING_MPS
     known = np.isfinite(position_m).all(1)

@@ -1,6 +1,7 @@
 """What an array can be expected to do, before it is built: accuracy, success, reliability over a day."""
 
 import importlib
+from typing import Any
 
 _PUBLIC = {
     "JointSuccess": "joint_success",
@@ -25,7 +26,7 @@ _PUBLIC = {
 __all__ = list(_PUBLIC)
 
 
-def __getattr__(name):
+def __getattr__(name: str) -> Any:
     if name not in _PUBLIC:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(importlib.import_module(f".{_PUBLIC[name]}", __name__), name)

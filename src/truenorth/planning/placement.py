@@ -211,8 +211,8 @@ def place_antenna(
     >>> day = plan_array(antennas=[(0, 0, 0), (1, 0, 0), (0, 1, 0)], latitude_deg=47.07, longitude_deg=15.44,
     ...                  start="2024-06-24", hours=0)
     >>> mast = place_antenna(day, box_points((0, 0, -1), (1, 1, 0), 0.5), criterion="pitch")
-    >>> mast.best_body_m.tolist()
-    [1.0, 1.0, -1.0]
+    >>> float(mast.best_body_m[2])  # as high as it may be
+    -1.0
     """
     if criterion not in CRITERIA:
         raise ConfigError(

@@ -45,8 +45,9 @@ def baseline_ambiguity_cov(view: SkyView, epoch: int, code_information: np.ndarr
     """
     rows = view.rows(epoch)
     use = np.flatnonzero(view.has_integers[rows]) + rows.start
-    group, first = view.group[use], {}
-    pivot = np.array([first.setdefault(number, k) for k, number in enumerate(group.tolist())], dtype=int)
+    first: dict[int, int] = {}
+    groups = view.group[use].tolist()
+    pivot = np.array([first.setdefault(number, k) for k, number in enumerate(groups)], dtype=np.int64)
     others = np.flatnonzero(pivot != np.arange(len(use)))
     d = np.zeros((len(others), len(use)))
     d[np.arange(len(others)), others] = 1.0

@@ -11,7 +11,7 @@ with the C/N0 that an antenna of the usual gain has at that elevation, less what
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -203,8 +203,8 @@ def _signals(
     rows, bands, digits = [], [], []
     for number, band in enumerate(settings.bands):
         digit = np.zeros(len(SYSTEMS), dtype=np.int64)
-        for letter, known in BAND_CLASSES[band].items():
-            digit[SYSTEMS.index(letter)] = known[0]
+        for letter, bands_of in cast("dict[str, tuple[int, ...]]", BAND_CLASSES[band]).items():
+            digit[SYSTEMS.index(letter)] = bands_of[0]
         has = np.flatnonzero(digit[sat // 100] > 0)
         rows.append(has)
         bands.append(np.full(len(has), number))
