@@ -78,6 +78,21 @@ def test_other_frames_and_lengths_and_json(session):
 
 
 @pytest.mark.jit
+def test_a_dead_receiver_is_left_out_and_said(session, tmp_path):
+    dead = {"kind": "dead", "antenna": "mast", "start_s": 0.0}
+    write_simulation(SCENARIO | {"faults": [dead], "duration_s": 60.0}, tmp_path)
+    path, out = tmp_path / "session.toml", tmp_path / "measured.toml"
+    said = run(path, "--out", out)
+    assert said.exit_code == 0, said.output
+    assert "mast is left out" in said.output
+    assert "fore - mast" not in said.output
+    # It keeps its declared place; the others are measured in the declared frame.
+    assert Session.read(out).platform.antennas[3].position_body_m == (0.8, -0.2, -0.9)
+    assert run(path, "--rule", "axes", "--axes", "aft,fore,mast").exit_code == 2
+    assert run(path, "--rule", "axes", "--out", out).exit_code == 2
+
+
+@pytest.mark.jit
 def test_two_antennas_without_coordinates_give_their_length(session):
     both = Session.read(session)
     import msgspec
@@ -112,6 +127,7 @@ def test_errors_are_one_sentence_with_an_exit_code(session, tmp_path):
 
 def test_coordinates_are_written_to_a_tenth_of_a_millimetre(session):
     class Found:
+        names = ("aft", "fore", "right", "mast")
         sd_body_m = np.array([[0.0, 0.0, 0.0], [0.001, 0.0, 0.0], [0.001, 0.001, 0.0], [0.0, 0.0, 0.001]])
         positions_body_m = np.array(
             [[0.0, -0.00001, 0.0], [2.00004, 0.0, 0.0], [1.0, 1.0, 0.0], [0.8, 0.0, 1.0]]

@@ -4,8 +4,24 @@ import importlib
 
 _PUBLIC = {
     "ArrayCalibration": "survey",
+    "Boresight": "mounting",
+    "LeverArm": "mounting",
+    "PhaseMap": "phase_maps",
+    "adjust_pointings": "theodolite",
+    "align_attitudes": "mounting",
+    "attitude_of_rows": "phase_centres",
+    "body_coordinates": "marks",
+    "boresight_from_axes": "mounting",
     "calibrate_array": "survey",
+    "correct_phases": "phase_centres",
+    "directions_of_rows": "phase_centres",
+    "forward_intersection": "theodolite",
+    "lever_arm_from_tracks": "mounting",
+    "map_residuals": "phase_maps",
+    "map_rows": "phase_maps",
+    "phase_centre_correction_m": "phase_centres",
     "survey_session": "sources",
+    "vectors_of_baselines": "sources",
     "vectors_of_solution": "sources",
 }
 """Public name and the module that holds it; loaded on first use."""

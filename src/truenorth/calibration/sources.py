@@ -142,9 +142,11 @@ def survey_session(
     Returns
     -------
     vectors : ArrayVectors
+        Between the antennas that could be solved; its names say which.
     baselines : tuple of BaselineSolution
-        None where one could not be solved.
+        To each of them but the first.
     warnings : tuple of str
+        Antennas that are left out among them.
 
     Raises
     ------
@@ -153,7 +155,7 @@ def survey_session(
     FormatError
         If a file cannot be read.
     NoSolutionError
-        If an antenna has no accepted epoch.
+        If no antenna has an accepted epoch together with the first.
     """
     from ..attitude.baselines import solve_baseline
     from ..attitude.runs import open_receiver
@@ -177,7 +179,7 @@ def survey_session(
     paths = session.observation_paths
     navigation = read_navigation(*(session.gnss.navigation or paths))
     base = open_receiver(paths[0], whole=settings.direction != "forward")
-    baselines, warnings = [], []
+    baselines, warnings, kept = [], [], [0]
     for k, path in enumerate(paths[1:]):
         own = settings
         if lengths == "unknown":
@@ -193,17 +195,25 @@ def survey_session(
         part = None
         if progress is not None:
             part = _part(progress, k, len(paths) - 1)
-        solution = solve_baseline(
-            base, path, navigation, settings=own, progress=part, residual_rows=residual_rows
-        )
-        share = float(np.mean(solution.is_accepted)) if solution.n_epochs else 0.0
-        if share == 0.0:
-            raise NoSolutionError(
-                f"could not calibrate the array: no epoch of {names[k + 1]} was accepted; observe longer, or "
-                "let the integers rest on approximate lengths"
+        try:
+            solution = solve_baseline(
+                base, path, navigation, settings=own, progress=part, residual_rows=residual_rows
             )
+        except NoSolutionError as error:
+            warnings.append(f"{names[k + 1]} is left out: {error}")
+            continue
         warnings += [f"{names[k + 1]}: {text}" for text in solution.warnings]
+        if not np.any(solution.is_accepted):
+            warnings.append(f"{names[k + 1]} is left out: no epoch of it was accepted")
+            continue
         baselines.append(solution)
+        kept.append(k + 1)
+    if not baselines:
+        raise NoSolutionError(
+            f"could not calibrate the array: {'; '.join(warnings)}; observe longer, or let the integers "
+            "rest on approximate lengths"
+        )
+    positions_m, names = positions_m[kept], tuple(names[k] for k in kept)
     vectors = vectors_of_baselines(
         baselines, positions_m, base.time_ns, names=names,
         max_time_difference_s=settings.max_time_difference_s,

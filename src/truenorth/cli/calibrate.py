@@ -159,6 +159,17 @@ def calibrate_session(
             progress=progress,
             residual_rows=MAP_ROWS if wants_maps else 0,
         )
+        kept = [names.index(name) for name in vectors.names]
+        if len(kept) < len(names):
+            if rule != "declared" and out is not None:
+                raise ConfigError(
+                    "antennas are left out whose declared coordinates are not in the frame of --rule axes: "
+                    f"{'; '.join(warnings)}; write no session, or use --rule declared",
+                    key="rule",
+                    value=rule,
+                )
+            declared = None if declared is None else declared[kept]
+            chosen = None if chosen is None else tuple(_kept_index(kept, k, names) for k in chosen)
         calibration = calibrate_array(
             vectors,
             declared_m=declared,
@@ -180,7 +191,7 @@ def calibrate_session(
             calibration.positions_body_m,
             calibration.time_ns,
             calibration.rot_ned_from_body,
-            names=names,
+            names=vectors.names,
         )
         if phase_maps is not None:
             _write(phase_maps, "\n".join([CSV_HEAD, *(one.to_csv() for one in maps)]) + "\n", written)
@@ -202,6 +213,18 @@ def calibrate_session(
     for path in written:
         print(f"written     {path}")
     return 0
+
+
+def _kept_index(kept: list[int], k: int, names: list[str]) -> int:
+    from ..errors import ConfigError
+
+    if k not in kept:
+        raise ConfigError(
+            f"`--axes` names {names[k]!r}, which could not be solved; choose another one",
+            key="axes",
+            value=names[k],
+        )
+    return kept.index(k)
 
 
 def _write(path: Path, text: str, written: list[Path]) -> None:
@@ -229,8 +252,8 @@ def session_with(session: Session, calibration: ArrayCalibration) -> Session:
     Returns
     -------
     Session
-        Its ``[array]`` says how well they are known. Of two antennas without coordinates: with the
-        measured length.
+        Antennas that were left out keep their coordinates; ``[array]`` says how well all are known. Of two
+        antennas without coordinates: with the measured length.
     """
     import msgspec
 
@@ -241,12 +264,13 @@ def session_with(session: Session, calibration: ArrayCalibration) -> Session:
         return msgspec.structs.replace(
             session, platform=platform, gnss=msgspec.structs.replace(gnss, length_m=None)
         )
+    places = {
+        name: tuple(round(float(x), 4) + 0.0 for x in place)
+        for name, place in zip(calibration.names, calibration.positions_body_m, strict=True)
+    }
     antennas = tuple(
-        msgspec.structs.replace(
-            antenna,
-            position_body_m=tuple(round(float(x), 4) + 0.0 for x in calibration.positions_body_m[k]),
-        )
-        for k, antenna in enumerate(platform.antennas)
+        msgspec.structs.replace(antenna, position_body_m=places.get(antenna.name, antenna.position_body_m))
+        for antenna in platform.antennas
     )
     gnss = msgspec.structs.replace(gnss, length_m=None)
     platform = msgspec.structs.replace(platform, antennas=antennas, length_m=None)

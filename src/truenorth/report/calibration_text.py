@@ -62,7 +62,7 @@ def array_calibration_text(calibration) -> str:
         row = f"{pair.first + ' - ' + pair.second:<{2 * width + 3}} {pair.distance_m:>9.4f} "
         row += f"{1e3 * pair.sd_m:>8.2f}"
         if has_declared:
-            row += f" {pair.declared_m:>9.4f} {1e3 * pair.difference_m:>9.1f}"
+            row += f" {pair.declared_m:>9.4f} {round(1e3 * pair.difference_m, 1) + 0.0:>9.1f}"
         lines.append(row)
     if check is not None:
         lines += ["", f"verdict     {check.sentence()}"]
