@@ -2,8 +2,8 @@
 
 Single differences against one receiver hold all that an array needs: with that receiver's own rows set to
 zero and its noise kept, each satellite's constant is what it measured, and is eliminated with the rest
-(`truenorth.ambiguity.array_model`). At epochs that the first receiver does not have, the next one takes its
-place; integers belong to the arcs of single receivers, so nothing is lost by the change.
+(`truenorth.ambiguity.array_model`). For satellites and epochs that the first receiver does not have, the next
+one takes its place; integers belong to the arcs of single receivers, so nothing is lost by the change.
 """
 
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import NoSolutionError
-from ..observations import LLI_SLIP
+from ..observations import LLI_HALF_CYCLE, LLI_SLIP
 from ..timescales import NS_PER_S
 from .array_model import ArrayEpoch
 from .differencing import build_single_differences, match_epochs, split_variances
@@ -204,15 +204,25 @@ def build_array_rows(receivers, points, settings, arcs, n_arcs):
     ArrayRows or None
         None where no two receivers have an epoch in common.
     """
+    half_ns = round(settings.max_time_difference_s * NS_PER_S)
     taken = np.empty(0, np.int64)
+    seen = np.empty(0, np.int64)
     pieces, times = [], []
     for reference, base in enumerate(receivers):
-        if base is None or base.n_epochs == 0:
+        if base is None or base.n_epochs == 0 or reference == len(receivers) - 1:
             continue
-        # Epochs that an earlier receiver has are differenced with that one.
-        early, _ = match_epochs(base.time_ns, taken, settings.max_time_difference_s)
-        own = np.setdiff1d(np.arange(base.n_epochs), early)
-        taken = np.sort(np.concatenate((taken, base.time_ns[own])))
+        early, at = match_epochs(base.time_ns, taken, settings.max_time_difference_s)
+        time_ns = base.time_ns.copy()
+        time_ns[early] = taken[at]
+        # Where an earlier receiver has the epoch, only what it does not see is differenced with this one.
+        key, has_phase = _phase_keys(base, time_ns, half_ns)
+        fresh = has_phase & ~np.isin(key, seen)
+        wanted = np.ones(base.n_epochs, bool)
+        wanted[early] = False
+        wanted[base.epoch_of_row[fresh]] = True
+        taken = np.union1d(taken, time_ns[wanted])
+        seen = np.union1d(seen, key[has_phase])
+        own = np.flatnonzero(wanted)
         if len(own) == 0:
             continue
         for rover in range(reference + 1, len(receivers)):
@@ -222,16 +232,28 @@ def build_array_rows(receivers, points, settings, arcs, n_arcs):
             epochs = match_epochs(base.time_ns[own], other.time_ns, settings.max_time_difference_s)
             if len(epochs[0]):
                 epochs = own[epochs[0]], epochs[1]
-                piece = _pair_rows(receivers, points, settings, arcs, reference, rover, epochs)
+                piece = _pair_rows(receivers, points, settings, arcs, reference, rover, epochs, time_ns)
                 if piece is not None:
                     pieces.append(piece)
-                    times.append(base.time_ns[epochs[0]])
+                    times.append(time_ns[epochs[0]])
     if not pieces:
         return None
     joined = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
     # Epochs without a satellite are epochs, too.
     time_ns = np.unique(np.concatenate(times))
     epoch = np.searchsorted(time_ns, joined.pop("time_ns"))
+    # A satellite and signal is differenced with one receiver: the first by which two antennas have a phase.
+    chain = joined.pop("reference")
+    place = epoch * 1_000_000 + joined["satellite"]
+    _, kind = np.unique(place * 100 + chain, return_inverse=True)
+    phases = np.bincount(kind, np.isfinite(joined["phase_m"]), minlength=1)[kind]
+    rank = chain + 100 * (phases < 2)
+    _, place = np.unique(place, return_inverse=True)
+    least = np.full(len(place), 1000)
+    np.minimum.at(least, place, rank)
+    keep = rank == least[place]
+    joined = {name: column[keep] for name, column in joined.items()}
+    epoch = epoch[keep]
     # The reference's own rows are said once for each rover; one of each stays, with a code if any has one.
     order = np.lexsort(
         (np.isnan(joined["code_m"]), np.isnan(joined["phase_m"]), joined["antenna"], joined["satellite"],
@@ -253,8 +275,16 @@ def build_array_rows(receivers, points, settings, arcs, n_arcs):
     )
 
 
-def _pair_rows(receivers, points, settings, arcs, reference, rover, epochs):
-    """Rows of one rover and of the receiver it is differenced with."""
+def _phase_keys(observations, time_ns, step_ns):
+    """Numbers of epoch, satellite and signal of every row, and whether it has a phase to use."""
+    o = observations
+    epoch = (time_ns // max(step_ns, 1))[o.epoch_of_row]
+    key = (epoch * 1000 + o.sat) * 1000 + o.signal
+    return key, np.isfinite(o.phase_cyc) & ((o.lli & LLI_HALF_CYCLE) == 0)
+
+
+def _pair_rows(receivers, points, settings, arcs, reference, rover, epochs, time_ns):
+    """Rows of one rover and of the receiver it is differenced with, at the times of the run's epochs."""
     base, other = receivers[reference], receivers[rover]
     try:
         d = build_single_differences(
@@ -279,7 +309,8 @@ def _pair_rows(receivers, points, settings, arcs, reference, rover, epochs):
         "code_variance_m2": np.concatenate((own[1], of_base[1])),
     }
     shared = {
-        "time_ns": base.time_ns[d.base_epoch][epoch],
+        "time_ns": time_ns[d.base_epoch][epoch],
+        "reference": np.full(n, reference),
         "position_ecef_m": np.where(d.has_position[:, None], d.position_ecef_m, np.nan)[epoch],
         "sat": d.sat.astype(np.int64),
         "satellite": d.sat.astype(np.int64) * 1000 + base.signal[d.base_row],
