@@ -121,6 +121,7 @@ def calibrate_session(
     import numpy as np
 
     from ..calibration import calibrate_array, survey_session
+    from ..config import Session
     from ..errors import ConfigError
     from ..export.files import ensure_writable
     from ..report.calibration_text import array_calibration_text
@@ -150,7 +151,9 @@ def calibrate_session(
     with working("calibrating") as progress:
         from .first_run import compile_kernels
 
-        compile_kernels(session)
+        # Its antennas are solved two by two, whose engine is all that it needs.
+        first, second = session.observation_paths[:2]
+        compile_kernels(Session.for_pair(first, second, session.gnss.navigation))
         wants_maps = phase_maps is not None or figure is not None
         vectors, baselines, warnings = survey_session(
             session,
