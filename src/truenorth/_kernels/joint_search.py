@@ -55,6 +55,7 @@ TREE, EXTRA, UNUSED = -1, -2, -3
 """Role of a phase row: it fixes a constant; its integer is found last; none. Else the antenna of the list."""
 
 _MU = 0.1
+_VERY_WEAK = 100.0
 _LIST_CAPACITY = 8192
 _PART_CAPACITY = 32768
 _TREE_CAPACITY = 65536
@@ -299,7 +300,8 @@ def minimise(rank, a, centre, c0, bound, weak, weak_information, x, hessian, out
     """Least of c0 + (x - centre)' A (x - centre) over rotations of the `rank` axes x.
 
     Newton steps on the group, from a rotation near the centre and, unless that is too far for the bound,
-    from the mirror image of the minimum through the plane across the weakest direction.
+    from the mirror image of the minimum through the plane across the weakest direction. Where that is so
+    weak that the two axes may lie on different sides of the plane, from both such starts, too.
 
     Parameters
     ----------
@@ -332,27 +334,27 @@ def minimise(rank, a, centre, c0, bound, weak, weak_information, x, hessian, out
     best = np.inf
     out[0] = 0.0
     out[1] = 1.0
-    for start in range(2):
+    for start in range(4 if weak_information < _VERY_WEAK else 2):
         height_square = 0.0
         for c in range(rank):
             height = 0.0
             square = 0.0
             for r in range(3):
-                if start == 0:
+                if start % 2 == 0:
                     y[r, c] = centre[3 * c + r]
                 height += weak[r] * y[r, c]
                 square += y[r, c] * y[r, c]
             height_square += height * height
             # The start: what the axes lack or exceed of their length goes to their weakest component.
             target = -height
-            if start == 0:
+            if start % 2 == 0:
                 target = np.sqrt(max(1.0 - square + height * height, 0.0))
-                if height < 0.0:
+                if (height < 0.0) != (start == 2 and c == 1):
                     target = -target
             for r in range(3):
                 y[r, c] += (target - height) * weak[r]
-        if start == 1 and weak_information * height_square > bound - c0:
-            break
+        if start % 2 == 1 and weak_information * height_square > bound - c0:
+            continue
         for c in range(min(rank, 2)):
             dot = 0.0
             square = 0.0
@@ -479,13 +481,13 @@ def minimise(rank, a, centre, c0, bound, weak, weak_information, x, hessian, out
         for c in range(rank):
             for r in range(3):
                 apart += (x[r, c] - y[r, c]) ** 2
-        if best < np.inf and apart < 1e-8:
-            break
+        if best < np.inf and (apart < 1e-8 or (start > 1 and cost > best - 1e-6)):
+            continue
         is_better = cost < best
         worse = max(cost, best)
         first_volume = out[0]
         ratio = 0.0
-        if start == 1:
+        if start > 0:
             # What the other attitude weighs against the better one.
             if is_better:
                 ratio = first_volume / volume * np.exp(0.5 * (cost - worse))
