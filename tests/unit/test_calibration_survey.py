@@ -132,6 +132,18 @@ def test_antennas_may_be_missing_and_the_reference_may_change():
     assert np.max(np.abs(found.positions_body_m - BODY_M)) < CLOSE_M
 
 
+def test_an_antenna_that_no_epoch_has_is_left_out():
+    vectors = make_vectors(60)
+    vectors.vector_ned_m[:, 1] = np.nan
+    found = calibrate_array(vectors, declared_m=BODY_M)
+    assert found.names == ("a", "c", "d")
+    np.testing.assert_allclose(found.positions_body_m, BODY_M[[0, 2, 3]], atol=0.003)
+    assert any("b left out" in text for text in found.warnings)
+    assert calibrate_array(vectors, axes=(2, 3, 0)).rule_text.startswith("c is the origin, d is forward")
+    with pytest.raises(ConfigError, match="without any vector"):
+        calibrate_array(vectors, axes=(0, 1, 2))
+
+
 def test_squares_of_errors_do_not_lengthen_a_short_array():
     """Of 30 cm and errors of 5 and 10 mm; without the correction distances come out 0.3 to 0.5 mm long."""
     short = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.1, 0.3, 0.0]])

@@ -186,7 +186,8 @@ def calibrate_array(
     ----------
     vectors : ArrayVectors
         Between the antennas, as the phases alone give them: the integers must not rest on the coordinates
-        that are to be found. Epochs may be missing antennas, and may be wrong.
+        that are to be found. Epochs may be missing antennas, and may be wrong; antennas that no epoch has
+        are left out.
     declared_m : array_like, shape (m, 3), optional
         Declared body coordinates that are to be tested. They do not enter the measured shape.
     declared_sd_m : float
@@ -240,6 +241,21 @@ def calibrate_array(
             f"could not calibrate the array: {n_epochs} epochs have vectors between its antennas, "
             f"{MIN_EPOCHS} are needed"
         )
+    warnings = []
+    seen = vectors.is_present.any(0)
+    seen[np.unique(vectors.reference[vectors.reference >= 0])] = True
+    if not seen.all():
+        unseen = [name for name, is_seen in zip(names, seen, strict=True) if not is_seen]
+        if axes is not None and not all(seen[k] for k in axes):
+            raise ConfigError(
+                f"`axes` names antennas without any vector, of {', '.join(unseen)}; give others", key="axes"
+            )
+        warnings.append(f"{', '.join(unseen)} left out: no epoch has a vector there")
+        vectors = _without(vectors, seen)
+        names = tuple(name for name, is_seen in zip(names, seen, strict=True) if is_seen)
+        declared_m = None if declared_m is None else np.asarray(declared_m)[seen]
+        axes = None if axes is None else tuple(int(np.count_nonzero(seen[:k])) for k in axes)
+        m = len(names)
     vectors = _thinned(vectors)
     start_m = shape_from_distances(vectors)
     is_static = moving is False
@@ -247,7 +263,6 @@ def calibrate_array(
     if moving == "auto" and is_at_rest(fit, vectors):
         is_static = True
         fit = fit_shape(vectors, start_m, is_static=True)
-    warnings = []
 
     # Contributions of the epochs to the coordinates in the frame of the adjustment.
     inverse = fit.free @ _pinv(fit.free.T @ fit.normal @ fit.free) @ fit.free.T
@@ -350,6 +365,21 @@ def _check_options(rule, declared_m, options, axes, significance, m):
         refuse("axes", axes, f"three different antennas among 0 to {m - 1}")
     if not 0.0 < significance < 1.0:
         refuse("significance", significance, "a share between 0 and 1")
+
+
+def _without(vectors, seen):
+    """Vectors of the antennas that are seen."""
+    at = np.flatnonzero(np.repeat(seen, 3))
+    place = np.cumsum(seen) - 1
+    return ArrayVectors(
+        vectors.time_ns,
+        np.where(vectors.reference >= 0, place[vectors.reference], -1),
+        vectors.vector_ned_m[:, seen],
+        vectors.cov_ned_m2[:, at[:, None], at],
+        vectors.positions_body_m[seen],
+        vectors.body_cov_m2[at[:, None], at],
+        tuple(name for name, is_seen in zip(vectors.names, seen, strict=False) if is_seen),
+    )
 
 
 def _thinned(vectors):
