@@ -195,6 +195,15 @@ def test_a_session_gives_its_array_and_its_settings(tmp_path):
     settings = plan_settings(tmp_path / "session.toml", **GRAZ)
     assert settings.antennas == ((0.0, 0.0, 0.0), (1.25, 0.0, 0.0))
     assert (settings.systems, settings.bands, settings.elevation_mask_deg) == ("G", ("L1",), 12.0)
+    assert settings.position_sd_m == 0.0  # two antennas have a length, and no coordinates
+    (tmp_path / "array.toml").write_text(
+        "[array]\nposition_sd_m = 0.004\n"
+        + "".join(
+            f'[[platform.antennas]]\nname = "n{k}"\nobservations = "a.obs"\nposition_body_m = {point}\n'
+            for k, point in enumerate(([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
+        )
+    )
+    assert plan_settings(tmp_path / "array.toml", **GRAZ).position_sd_m == 0.004
 
 
 def test_a_real_sky_is_taken_from_files(tmp_path):

@@ -303,6 +303,8 @@ class _Recording:
     positions_body_m: list[tuple[float, float, float]] | None
     names: tuple[str, ...]
     settings: GnssSettings
+    options: dict[str, Any]
+    """What else the session says about an array."""
 
 
 def compare_rates(
@@ -397,6 +399,7 @@ def _recording(session: Any) -> tuple[_Recording, tuple[float, float, float] | N
             positions,
             tuple(session.observations),
             settings,
+            {},
         )
         return recording, _difference(positions)
     if not isinstance(session, Session):
@@ -410,6 +413,7 @@ def _recording(session: Any) -> tuple[_Recording, tuple[float, float, float] | N
         known if len(known) == len(given) else None,
         tuple(antenna.name for antenna in session.platform.antennas),
         session.settings,
+        {key: getattr(session, key) for key in ("array", "attitude_filter", "reliability")},
     )
     return recording, _difference(recording.positions_body_m)
 
@@ -437,6 +441,7 @@ def _solve(
         recording.navigation,
         names=recording.names,
         settings=recording.settings,
+        **recording.options,
         progress=progress,
         keep_residuals=True,
     )

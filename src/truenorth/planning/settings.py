@@ -179,8 +179,8 @@ def plan_settings(
     Parameters
     ----------
     source : Session, Scenario, path-like or str, optional
-        A session (antennas, systems, bands, mask and noise) or a scenario by name or file (these, and
-        place, day, sky and what stands in the way).
+        A session (antennas and their uncertainty, systems, bands, mask and noise) or a scenario by name or
+        file (antennas, place, day, sky, what stands in the way, and what it tells the solver).
     **changes
         Fields of `PlanSettings`, which replace those of the source; None counts as not given.
         ``navigation`` (paths) stands for a sky of files.
@@ -247,6 +247,8 @@ def _described(source: Any) -> dict[str, Any]:
                 )
             positions = [(0.0, 0.0, 0.0), (gnss.length_m, 0.0, 0.0)]
         table = {"antennas": positions, "names": [antenna.name for antenna in antennas]}
+        if source.is_array:
+            table["position_sd_m"] = source.array.position_sd_m
         if source.gnss.navigation:
             table["sky"] = FileSky(files=tuple(os.path.abspath(name) for name in source.gnss.navigation))
     for key in ("systems", "bands", "elevation_mask_deg", "glonass_ambiguities", "stochastic"):
