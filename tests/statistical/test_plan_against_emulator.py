@@ -37,7 +37,8 @@ def test_scatter_of_emulated_attitudes_is_that_of_the_plan(resolution):
     }  # fmt: skip
     simulation = tn.simulate(scenario)
     settings = tn.GnssSettings(
-        method=METHOD[resolution], single_epoch=True, systems="GE", bands=("L1", "L2"), elevation_mask_deg=16.0,
+        method=METHOD[resolution], single_epoch=True, systems="GE", bands=("L1", "L2"),
+        elevation_mask_deg=16.0,
         length_sd_m=1e-4, stochastic=tn.StochasticSettings(
             phase_sd_m=PHASE_SD_M, phase_elevation_sd_m=0.0, code_sd_m=CODE_SD_M, code_elevation_sd_m=0.0,
             cn0_slope=0.0, estimate=False,
