@@ -26,6 +26,10 @@ ANGLE_COLORS = {"heading": "#0072B2", "pitch": "#D55E00", "roll": "#009E73"}
 """Of the same palette as everything else."""
 
 
+MOST_NAMED = 40
+"""Satellites that are named one by one; of more only the systems are."""
+
+
 def check_plan_figure_path(path):
     """Make sure that a figure of a plan can be written.
 
@@ -99,7 +103,8 @@ def plan_figure(plan):
     from matplotlib.figure import Figure
 
     n_satellites = len(np.unique(plan.view.satellite))
-    sky_height = float(np.clip(0.055 * n_satellites, 1.2, 5.0))
+    # Few enough satellites are named, which takes more room.
+    sky_height = float(np.clip((0.1 if n_satellites <= MOST_NAMED else 0.055) * n_satellites, 1.2, 5.0))
     heights = (sky_height, 1.0, 1.8, 1.8, 1.5, 1.3)
     figure = Figure(figsize=(10.0, sum(heights) + 2.4), dpi=120, layout="constrained")
     axes = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
@@ -147,8 +152,7 @@ def _plot_bars(plan, ax):
             )
         ticks.append(place)
         labels.append(sat_name(int(sat)))
-    every = max(1, -(-len(satellites) // 40))
-    if every == 1:
+    if len(satellites) <= MOST_NAMED:
         ax.set_yticks(ticks, labels, fontsize=6)
     else:
         systems = np.array([label[0] for label in labels])
