@@ -11,7 +11,6 @@ from truenorth.cli import first_run
 from truenorth.config import Session
 from truenorth.errors import Status
 
-
 SESSION = Session.for_pair("missing.obs", "missing_too.obs")
 
 

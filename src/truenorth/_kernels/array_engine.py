@@ -170,7 +170,12 @@ def adjust(
         seen = 0.0
         for r in range(3):
             seen += information[3 * a + r, 3 * a + r]
-        active[a] = 1 if seen > 1e-9 else 0
+        # An antenna whose only phase fixes its clock has the rounding errors of that for information.
+        weight = 0.0
+        for i in range(n):
+            if antenna[i] == a:
+                weight += w[i]
+        active[a] = 1 if seen > 1e-9 * weight else 0
         if active[a] == 1 and reference < 0:
             reference = a
     numbers[1] = 0.0
@@ -783,7 +788,5 @@ def adjust_and_repair(
         for k in range(n):
             if antenna[k] == blamed and held[arc[k]] == held[arc[k]]:
                 struck[k] = 1
-        log_event(
-            events, numbers, counter, e, -1 - blamed, np.int64(E_ANTENNA_EXCLUDED), chi2_all, limit_all
-        )
+        log_event(events, numbers, counter, e, -1 - blamed, np.int64(E_ANTENNA_EXCLUDED), chi2_all, limit_all)
         return solved

@@ -94,8 +94,9 @@ def centre_clocks(first, last, antenna, satellite, y, w, n_antennas, factor, sum
             total = 0.0
             mean = 0.0
             while j < last and satellite[j] == satellite[i]:
-                total += w[j]
-                mean += w[j] * y[j]
+                if w[j] > 0.0:
+                    total += w[j]
+                    mean += w[j] * y[j]
                 j += 1
             if total > 0.0:
                 mean /= total

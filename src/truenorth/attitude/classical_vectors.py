@@ -28,7 +28,8 @@ K. Landfahrer, "Attitude determination using a GPS multi antenna array", Graz Un
 (2009); C. Wang, G. Lachapelle, "GPS attitude determination reliability performance improvement using low
 cost receivers", Journal of Global Positioning Systems 1 (2002); F. L. Markley, "Attitude determination using
 vector observations and the singular value decomposition", J. Astronautical Sciences 36 (1988); A. J. Pope,
-"Some pitfalls to be avoided in the iterative adjustment of nonlinear problems", American Society of Photogrammetry (1972).
+"Some pitfalls to be avoided in the iterative adjustment of nonlinear problems", American Society of
+Photogrammetry (1972).
 """
 
 from __future__ import annotations
