@@ -38,11 +38,7 @@ def draw_epoch(
     body = np.asarray(body, dtype=float)
     m = len(body)
     sky = draw_sky(rng, n_satellites) if sky is None else sky
-    rot = (
-        Rotation.random(random_state=np.random.RandomState(rng.integers(2**31))).as_matrix()
-        if rot is None
-        else rot
-    )
+    rot = spread_rotations(1, rng.integers(2**31))[0] if rot is None else rot
     antenna = np.tile(np.arange(m), n_satellites * n_groups)
     satellite = np.repeat(np.arange(n_satellites * n_groups), m)
     group = satellite // n_satellites
@@ -186,38 +182,42 @@ def spread_rotations(n, seed=0):
     return Rotation.random(n, random_state=np.random.RandomState(seed)).as_matrix()
 
 
-def reachable_integers(epoch, rotations, pattern):
-    """Distinct integers at the rows `pattern` (index, base rows, signs) from rounding at each attitude.
+def closed_differences(epoch):
+    """Rows outside a spanning tree, and the combination of phases (k, n) free of all constants for each."""
+    combinations, rows = [], []
+    n = len(epoch.antenna)
+    of_satellite, of_clock = {}, {}
+    todo = [i for i in range(n) if np.isfinite(epoch.phase_m[i])]
+    while todo:
+        for i in todo:
+            s, t = epoch.satellite[i], (epoch.antenna[i], epoch.group[i])
+            unit = np.eye(n)[i]
+            if s in of_satellite and t in of_clock:
+                rows.append(i)
+                combinations.append(unit - of_satellite[s] - of_clock[t])
+            elif s in of_satellite:
+                of_clock[t] = unit - of_satellite[s]
+            elif t in of_clock:
+                of_satellite[s] = unit - of_clock[t]
+            else:
+                continue
+            todo.remove(i)
+            break
+        else:
+            of_clock[epoch.antenna[todo[0]], epoch.group[todo[0]]] = np.zeros(n)
+    return np.array(rows), np.array(combinations).reshape(-1, n)
 
-    `pattern` lists double differences as (row, row of the same antenna, rows of the reference).
-    """
+
+def reachable_integers(epoch, rotations, rows, combinations):
+    """Distinct integers of the closed differences that rounding at any of the attitudes gives."""
     found = []
-    i, j, p, q = pattern.T
+    wavelength = epoch.wavelength_m[rows]
+    fixed = combinations @ np.nan_to_num(epoch.phase_m)
     for block in np.array_split(rotations, max(len(rotations) // 20_000, 1)):
         place = epoch.positions_body_m @ np.swapaxes(block, -1, -2)
         modelled = np.einsum("nk,bnk->bn", epoch.design_ned, place[:, epoch.antenna])
-        y = epoch.phase_m - modelled
-        found.append(
-            np.unique(np.rint((y[:, i] - y[:, j] - y[:, p] + y[:, q]) / epoch.wavelength_m[i]), axis=0)
-        )
+        found.append(np.unique(np.rint((fixed - modelled @ combinations.T) / wavelength), axis=0))
     return np.unique(np.concatenate(found), axis=0).astype(np.int64)
-
-
-def double_differences(epoch):
-    """Rows (i, j, p, q): antenna and satellite, less its first satellite, less both of antenna 0."""
-    at = {key: k for k, key in enumerate(zip(epoch.antenna, epoch.satellite, strict=True))}
-    pattern = []
-    for (a, s), i in at.items():
-        if a == 0 or (0, s) not in at:
-            continue
-        base = next(
-            u
-            for u in range(epoch.satellite.max() + 1)
-            if (a, u) in at and (0, u) in at and epoch.group[at[a, u]] == epoch.group[i]
-        )
-        if base != s:
-            pattern.append((i, at[a, base], at[0, s], at[0, base]))
-    return np.array(pattern)
 
 
 def same_integers(epoch, first, second):

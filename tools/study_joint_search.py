@@ -200,7 +200,8 @@ def main():
         f"Made by `python tools/study_joint_search.py --draws {options.draws} --baseline-draws "
         f"{options.baseline_draws} --accumulated-draws {options.accumulated_draws} --seed {options.seed} "
         f"--out docs/validation` on {date.today()}: truenorth {truenorth.__version__}, "
-        f"NumPy {np.__version__}, Python {platform.python_version()}. Times are of that machine, other work running beside."
+        f"NumPy {np.__version__}, Python {platform.python_version()}; "
+        "times with other programs running on the same two processors."
     )
     page = write_page(rows, accumulated, calibration(np.concatenate(all_right), np.concatenate(all_stated)),
                       options.draws, options.accumulated_draws, made)  # fmt: skip

@@ -296,12 +296,14 @@ def body_frame(n, vectors, tolerance, frame):
 
 
 @kernel
-def minimise(rank, a, centre, c0, bound, weak, weak_information, x, hessian, out):
+def minimise(
+    rank, a, centre, c0, bound, weak, weak_information, steady, n_starts, x, hessian, out
+):  # fmt: skip
     """Least of c0 + (x - centre)' A (x - centre) over rotations of the `rank` axes x.
 
     Newton steps on the group, from a rotation near the centre and, unless that is too far for the bound,
-    from the mirror image of the minimum through the plane across the weakest direction. Where that is so
-    weak that the two axes may lie on different sides of the plane, from both such starts, too.
+    from the mirror image of the minimum through the plane across the weakest direction. Further pairs of
+    starts are turned about the better known of the first two axes, all the way around.
 
     Parameters
     ----------
@@ -309,6 +311,8 @@ def minimise(rank, a, centre, c0, bound, weak, weak_information, x, hessian, out
     c0, bound : float
     weak, weak_information : ndarray, shape (3,), float
         The direction of least information, and that information.
+    steady, n_starts : int
+        The better known one of the first two axes; 2 starts, or more where something is very weak.
     x : ndarray, shape (3, 3)
         Output: columns are the axes, completed to a right-handed frame.
     hessian : ndarray, shape (3, 3)
@@ -334,7 +338,8 @@ def minimise(rank, a, centre, c0, bound, weak, weak_information, x, hessian, out
     best = np.inf
     out[0] = 0.0
     out[1] = 1.0
-    for start in range(4 if weak_information < _VERY_WEAK else 2):
+    held, free = (steady, 1 - steady) if rank > 1 else (0, 1)
+    for start in range(n_starts):
         height_square = 0.0
         for c in range(rank):
             height = 0.0
@@ -349,32 +354,43 @@ def minimise(rank, a, centre, c0, bound, weak, weak_information, x, hessian, out
             target = -height
             if start % 2 == 0:
                 target = np.sqrt(max(1.0 - square + height * height, 0.0))
-                if (height < 0.0) != (start == 2 and c == 1):
+                if height < 0.0:
                     target = -target
             for r in range(3):
                 y[r, c] += (target - height) * weak[r]
         if start % 2 == 1 and weak_information * height_square > bound - c0:
             continue
-        for c in range(min(rank, 2)):
+        for k in range(min(rank, 2)):
+            c = held if k == 0 else free
             dot = 0.0
             square = 0.0
             for r in range(3):
-                dot += y[r, c] * y[r, 0]
+                dot += y[r, c] * y[r, held]
             for r in range(3):
-                if c == 1:
-                    y[r, 1] -= dot * y[r, 0]
+                if k == 1:
+                    y[r, free] -= dot * y[r, held]
                 square += y[r, c] * y[r, c]
             if square < 1e-12:
                 # Nothing to start from: any axis across.
                 least = 0
                 for r in range(3):
-                    if c == 1 and abs(y[r, 0]) < abs(y[least, 0]):
+                    if k == 1 and abs(y[r, held]) < abs(y[least, held]):
                         least = r
+                cosine = y[least, held] if k == 1 else 0.0
                 for r in range(3):
-                    y[r, c] = (1.0 if r == least else 0.0) - (y[least, 0] * y[r, 0] if c == 1 else 0.0)
-                square = 1.0 - (y[least, 0] ** 2 if c == 1 else 0.0)
+                    y[r, c] = (1.0 if r == least else 0.0) - cosine * y[r, held]
+                square = 1.0 - cosine * cosine
             for r in range(3):
                 y[r, c] /= np.sqrt(square)
+        if rank > 1 and start > 1 and start % 2 == 0:
+            angle = np.pi * start / n_starts * 2.0
+            for r in range(3):
+                s, t = (r + 1) % 3, (r + 2) % 3
+                trial[r, free] = np.cos(angle) * y[r, free] + np.sin(angle) * (
+                    y[s, held] * y[t, free] - y[t, held] * y[s, free]
+                )
+            for r in range(3):
+                y[r, free] = trial[r, free]
         complete_frame(rank, y)
         cost = np.inf
         determinant = 1.0
@@ -765,6 +781,8 @@ def join(
     spectrum = np.empty(rank)
     weak = np.empty(3)
     weakest = np.inf
+    steady = np.int64(0)
+    known = np.zeros(rank)
     for c in range(rank + 1):
         for r in range(3):
             for s in range(3):
@@ -776,7 +794,9 @@ def join(
                         block[r, s] = inverse[3 * c + r, 3 * c + s]
         eigen_symmetric_3(block, values, axes)
         if c < rank:
+            # The least information on an axis by itself, whatever the others are.
             spectrum[c] = values[2]
+            known[c] = 1.0 / values[2]
     for r in range(3):
         weak[r] = axes[r, 0]
     for c in range(rank):
@@ -785,6 +805,12 @@ def join(
             for s in range(3):
                 value += weak[r] * information[3 * c + r, 3 * c + s] * weak[s]
         weakest = min(weakest, value)
+    n_starts = np.int64(2)
+    for c in range(min(rank, 2)):
+        if known[c] > known[steady]:
+            steady = np.int64(1)
+        if rank > 1 and known[c] < _VERY_WEAK:
+            n_starts = np.int64(12)
     room = tree_room if is_enumerated else max(count, 1)
     new_cost = np.empty(room)
     partner = np.empty((room, max(n_old, 1)))
@@ -864,7 +890,9 @@ def join(
             cost = c0
             if not is_list:
                 nodes += 10
-                cost = minimise(rank, information, x0, c0, bound, weak, weakest, frame, hessian, extra)
+                cost = minimise(
+                    rank, information, x0, c0, bound, weak, weakest, steady, n_starts, frame, hessian, extra
+                )
                 if cost > bound:
                     continue
             if n_out == capacity:
