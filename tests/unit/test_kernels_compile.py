@@ -29,6 +29,19 @@ for method in METHODS:
             base, rover, navigation, length_m=0.990, length_sd_m=0.003,
             method=method, single_epoch=single_epoch, systems="GR", bands=("L1",),
         )
+# Three antennas, searched jointly and smoothed.
+from truenorth.config import AttitudeFilterSettings
+places = {"aft": (0, 0, 0), "fore": (1, 0, 0), "right": (0, 1, 0)}
+drive = tn.simulate({
+    "name": "three", "duration_s": 3.0, "place": {"latitude_deg": 47.0, "longitude_deg": 15.0},
+    "platform": {"antennas": [{"name": k, "position_body_m": list(v)} for k, v in places.items()]},
+    "motion": {"kind": "circle", "radius_m": 40.0, "speed_mps": 8.0},
+    "sky": {"kind": "nominal", "systems": "G"}, "output": {"signal_truth": False},
+})
+tn.solve_array(
+    [drive.observations[k] for k in places], list(places.values()), drive.navigation,
+    attitude_filter=AttitudeFilterSettings(direction="smoother"),
+)
 found = {}
 for info in pkgutil.iter_modules(_kernels.__path__):
     module = importlib.import_module(f"truenorth._kernels.{info.name}")
@@ -41,30 +54,8 @@ print(json.dumps(found))
 # Kernels that a solution from RINEX by these methods has no use for, and which public function has.
 _FACTORS = "ambiguity.lambda_ on a float solution and its covariance"
 _WRITING = "formats.write_rinex_observations"
-_FILTER = "attitude.filter.filter_attitude, over the vectors of an array"
 _ARRAYS = "ambiguity.exhaustive with several baselines at once"
-_JOINT = "ambiguity.joint.resolve_joint"
 UNUSED = {
-    "attitude_filter.eliminate": _FILTER,
-    "attitude_filter.estimate": _FILTER,
-    "attitude_filter.filter_epochs": _FILTER,
-    "attitude_filter.information_volume": _FILTER,
-    "attitude_filter.innovation_inverse": _FILTER,
-    "attitude_filter.judge_antennas": _FILTER,
-    "attitude_filter.linearise": _FILTER,
-    "attitude_filter.log_event": _FILTER,
-    "attitude_filter.multiply": _FILTER,
-    "attitude_filter.predict": _FILTER,
-    "attitude_filter.right_jacobian": _FILTER,
-    "attitude_filter.right_jacobian_inverse": _FILTER,
-    "attitude_filter.rotation_vector_between": _FILTER,
-    "attitude_filter.sandwich": _FILTER,
-    "attitude_filter.smooth_epochs": _FILTER,
-    "attitude_filter.transport": _FILTER,
-    "attitude_filter.turn": _FILTER,
-    "attitude_filter.update": _FILTER,
-    "attitude_filter.copy": _FILTER,
-    "attitude_filter.whiten_epochs": _FILTER,
     "exhaustive._attitude_step": _ARRAYS,
     "exhaustive._solve3": _ARRAYS,
     "exhaustive._triad": _ARRAYS,
@@ -73,25 +64,11 @@ UNUSED = {
     "ils._first": _FACTORS,
     "ils.enumerate_within": _FACTORS,
     "ils.search_best": _FACTORS,
-    "joint_search.body_frame": _JOINT,
-    "joint_search.complete_frame": _JOINT,
-    "joint_search.enumerate_rows": _JOINT,
-    "joint_search.invert_semidefinite": _JOINT,
-    "joint_search.is_near_rotation": _JOINT,
-    "joint_search.join": _JOINT,
-    "joint_search.minimise": _JOINT,
-    "joint_search.prepare_subset": _JOINT,
-    "joint_search.prior_weight": _JOINT,
-    "joint_search.project_rows": _JOINT,
-    "joint_search.reduce_rows": _JOINT,
-    "joint_search.search_array": _JOINT,
-    "joint_search.sort_by_cost": _JOINT,
     "ldl.ldl_factor": _FACTORS,
     "ldl.reduce_": "the readable twin of `ldl.decorrelate`, compared with it in the tests",
     "orbits.interpolate_orbits": "orbits.precise, from SP3",
     "rinex_write._digits": _WRITING,
     "rinex_write.write_epochs": _WRITING,
-    "tracking.track_channels": "simulation.observe, simulated receivers",
 }
 
 

@@ -657,7 +657,7 @@ def spans_plane(n, antenna, variance, body, body_k, axis):
     """Whether the antennas that have phases stand on no common line."""
     m = len(body)
     reference = -1
-    k = 0
+    k = np.int64(0)
     for a in range(m):
         count = 0
         for i in range(n):

@@ -155,7 +155,8 @@ def reduce_rows(
     redundancy = 0
     x = np.empty(n_antennas)
     sums = np.empty(n_antennas)
-    i = 0
+    # No literal: a kernel is compiled anew for each literal it is called with.
+    i = np.int64(0)
     while i < n:
         g = group[i]
         for a in range(n_antennas):
@@ -389,6 +390,7 @@ def fit_rotation(k, small, small_rhs, square, body, axis_body, is_line, rot, nor
     right = np.empty(3)
     step = np.empty(3)
     axis = np.empty(3)
+    damped = np.empty((3, 3))
     found = np.nan
     damping = 0.0
     retreats = False
@@ -409,13 +411,16 @@ def fit_rotation(k, small, small_rhs, square, body, axis_body, is_line, rot, nor
             lever[3 * i + 2, 1] = -bx
             lever[3 * i + 2, 2] = 0.0
         cost = square
+        size = abs(square)
         for i in range(n):
             value = 0.0
             for j in range(n):
                 value += small[i, j] * vector[j]
             gradient[i] = small_rhs[i] - value
             cost -= vector[i] * (gradient[i] + small_rhs[i])
-        if found == found and cost > found + 1e-9 * (1.0 + abs(found)):
+            size += abs(vector[i] * small_rhs[i])
+        # The cost is a small difference of large numbers: what is within their rounding is no rise.
+        if found == found and cost > found + 1e-9 * (1.0 + abs(found)) + 1e-13 * size:
             # Too long a step: back, and shorter from there.
             for r in range(3):
                 step[r] = -step[r]
@@ -449,15 +454,19 @@ def fit_rotation(k, small, small_rhs, square, body, axis_body, is_line, rot, nor
             for r in range(3):
                 for c in range(3):
                     normal[r, c] += trace * axis[r] * axis[c]
-        if damping > 0.0:
-            for r in range(3):
-                normal[r, r] += damping * trace
-        if not solve_3(normal, right, step, cov):
+        for r in range(3):
+            for c in range(3):
+                damped[r, c] = normal[r, c]
+            damped[r, r] += damping * trace
+        if not solve_3(damped, right, step, cov):
             return np.nan
         turn(rot, step)
         if step[0] * step[0] + step[1] * step[1] + step[2] * step[2] < 1e-20:
             break
     straighten(rot)
+    # Damping shortens steps; it is no information.
+    if damping > 0.0 and not solve_3(normal, right, step, cov):
+        return np.nan
     return found
 
 

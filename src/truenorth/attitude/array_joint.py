@@ -18,7 +18,7 @@ from .array_run import EXCLUDED, USED, ArrayEngine, ArrayRun
 from .array_solution import AttitudeSolution, PhaseResiduals
 from .array_vectors import ArrayVectors
 from .solution import EpochEvent
-from .vector_methods import ALONG_X
+from .vector_methods import ALONG_X, MAX_SD_RAD
 from .vectors import angle_covariance
 
 __all__ = ["solve_joint"]
@@ -188,6 +188,9 @@ def _assemble(block, first_epoch, names, positions_body_m, keep_residuals):
 
     rows, table = block.rows, block.table
     accepted = block.status >= Status.HELD
+    # Under satellites in too few directions a turn is open: known no better than this it is not known.
+    is_open = accepted & ~(table[:, kernel.COV : kernel.COV + 3].max(1) <= MAX_SD_RAD**2)
+    accepted &= ~is_open
     n = rows.n_epochs
     rot = np.full((n, 3, 3), np.nan)
     rot[accepted] = table[accepted, kernel.ROT : kernel.ROT + 9].reshape(-1, 3, 3)
@@ -198,6 +201,7 @@ def _assemble(block, first_epoch, names, positions_body_m, keep_residuals):
     angle[accepted] = np.stack(heading_pitch_roll(rot[accepted]), axis=-1)
     cov[accepted] = angle_covariance(rot[accepted], cov_ned[accepted])
     status, reason = block.status.copy(), block.reason.copy()
+    status[is_open], reason[is_open] = Status.NONE, Reason.WEAK_GEOMETRY
     # Antennas on one line: heading and pitch where it is that of the x axis, else a direction only.
     for k in np.flatnonzero(accepted & (table[:, kernel.IS_LINE] > 0.5)):
         used = positions_body_m[block.part[k] == USED]

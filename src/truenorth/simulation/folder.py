@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from ..config import AntennaSection, GnssSection, PlatformSection, Session
+from ..config import AntennaSection, ArraySettings, GnssSection, PlatformSection, Session
 from ..constants import GPS
 from ..errors import FormatError
 from ..navigation import Navigation
@@ -27,6 +27,9 @@ from .scenario import Scenario, read_scenario
 from .sky import FileSky
 
 __all__ = ["SimulationFolder", "write_simulation"]
+
+SURVEYED_SD_M = 0.0005
+"""How well a session says that its antennas are known."""
 
 _SUFFIX = {"rinex": ".obs", "ubx": ".ubx", "oem3": ".oem3"}
 _TABLE_FOLDER = "truth"
@@ -152,6 +155,8 @@ def _session(
         gnss=GnssSection(
             **msgspec.structs.asdict(scenario.solve), navigation=tuple(str(p) for p in navigation)
         ),
+        # The coordinates are those of the antennas, as far as the platform does not bend.
+        array=ArraySettings(position_sd_m=max(SURVEYED_SD_M, *scenario.platform.flexure.amplitude_m)),
     )
 
 
