@@ -1039,7 +1039,7 @@ def search_array(
     margin : float
         Candidates within this of the best count for the posterior probability.
     reach : float
-        Candidates with a larger cost are of no interest.
+        Candidates whose cost exceeds the degrees of freedom by more are of no interest.
     max_nodes : int
         Nodes and checks after which the search stops, unfinished.
     integers_out : ndarray of int64, shape (n,)
@@ -1230,7 +1230,10 @@ def search_array(
     n_out = np.int64(0)
     best = -1
     reason = R_OK
-    bound = min(dof + 10.0, reach)
+    # Few integers: first a small bound, since lists grow with it. Many: one that is most likely enough.
+    bound = dof + 10.0 if n_integers < 30 else dof + 3.5 * np.sqrt(dof) + margin
+    largest = reach + dof
+    bound = min(bound, largest)
     limit = bound
     while True:
         # Steps 0 .. n_lists - 1 make the lists; then list by list is joined, and what no list has.
@@ -1311,10 +1314,10 @@ def search_array(
                 best = k
         if best >= 0 and out_cost[best] + margin <= bound:
             break
-        if best < 0 and bound >= reach:
+        if best < 0 and bound >= largest:
             reason = R_NO_CANDIDATE
             break
-        bound = out_cost[best] + margin if best >= 0 else min(2.0 * bound + 10.0, reach)
+        bound = out_cost[best] + margin if best >= 0 else min(2.0 * bound + 10.0, largest)
     row[N_NODES] = nodes
     if reason != R_OK:
         return reason

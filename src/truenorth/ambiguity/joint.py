@@ -40,7 +40,7 @@ POSTERIOR_MARGIN = 24.0
 """Candidates this much costlier than the best weigh less than 7e-6 and are left out of the posterior."""
 
 REACH = 400.0
-"""Objective above which a candidate is of no interest; such residuals belong to no model of noise."""
+"""Cost beyond its degrees of freedom above which a candidate is of no interest: no model of noise has it."""
 
 MAX_NODES = 20_000_000
 
