@@ -6,18 +6,22 @@ Another method's attitude, a filtered or smoothed one, and a statement of what c
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
+import msgspec
 import numpy as np
 
+from ..config import AttitudeFilterSettings, ReliabilitySection
 from ..errors import ConfigError, Reason, Status
 from .array_solution import AttitudeSolution
+from .array_vectors import ArrayVectors
 
 __all__ = ["filter_solution", "solve_by_method", "state_reliability"]
 
 _ANGLES = ("heading_rad", "pitch_rad", "roll_rad")
 
 
-def _vectors(solution, wanted):
+def _vectors(solution: AttitudeSolution, wanted: str) -> ArrayVectors:
     if solution.vectors is None:
         raise ConfigError(
             f"{wanted} needs the vectors between the antennas; set `keep_vectors`", key="array.keep_vectors"
@@ -53,7 +57,7 @@ def solve_by_method(solution: AttitudeSolution, method: str) -> AttitudeSolution
     )
 
 
-def filter_solution(solution: AttitudeSolution, settings) -> AttitudeSolution:
+def filter_solution(solution: AttitudeSolution, settings: AttitudeFilterSettings) -> AttitudeSolution:
     """Filter or smooth the attitude of a run.
 
     Parameters
@@ -83,7 +87,7 @@ def filter_solution(solution: AttitudeSolution, settings) -> AttitudeSolution:
     reason = np.where(own, solution.reason[at], Reason.NO_CANDIDATE)
     reason = np.where(updated, Reason.OK, np.where(predicted, Reason.PREDICTED, reason))
 
-    def take(column, nothing):
+    def take(column: np.ndarray, nothing: Any) -> np.ndarray:
         """A column at the output times, `nothing` where the run has no such epoch."""
         taken = column[at].copy()
         taken[~own] = nothing
@@ -109,7 +113,7 @@ def filter_solution(solution: AttitudeSolution, settings) -> AttitudeSolution:
     )
 
 
-def state_reliability(solution: AttitudeSolution, settings) -> AttitudeSolution:
+def state_reliability(solution: AttitudeSolution, settings: ReliabilitySection) -> AttitudeSolution:
     """Add minimal detectable blunders, their effect on the angles and protection levels.
 
     Parameters
@@ -126,8 +130,7 @@ def state_reliability(solution: AttitudeSolution, settings) -> AttitudeSolution:
     from .reliability import ReliabilitySettings, attitude_reliability, reliability_events
 
     vectors = _vectors(solution, "the reliability")
-    values = {field.name: getattr(settings, field.name) for field in _struct_fields(settings)}
-    settings = ReliabilitySettings(**values)
+    settings = ReliabilitySettings(**msgspec.structs.asdict(settings))
     at = np.searchsorted(solution.time_ns, vectors.time_ns)
     at = np.minimum(at, solution.n_epochs - 1)
     own = solution.time_ns[at] == vectors.time_ns
@@ -135,10 +138,10 @@ def state_reliability(solution: AttitudeSolution, settings) -> AttitudeSolution:
     used = vectors.is_present & own[:, None] & solution.is_used[at]
     risk = 1.0 - np.where(own, solution.success_probability[at], np.nan)
     risk = np.where(np.isfinite(risk), risk, settings.wrong_integer_risk)
-    if solution.filtered is not None and solution.filtered.predicted_cov is not None:
+    f = solution.filtered
+    if f is not None and f.predicted_rot is not None and f.predicted_cov is not None:
         from .reliability import filter_reliability
 
-        f = solution.filtered
         predicted = np.where(own[:, None, None], f.predicted_rot[at], np.nan)
         turned = np.einsum("nij,njk,nlk->nil", predicted, f.predicted_cov[at][:, :3, :3], predicted)
         result = filter_reliability(
@@ -148,9 +151,3 @@ def state_reliability(solution: AttitudeSolution, settings) -> AttitudeSolution:
         result = attitude_reliability(vectors, rot, settings=settings, is_used=used, wrong_integer_risk=risk)
     events = tuple(sorted((*solution.events, *reliability_events(result)), key=lambda event: event.time_ns))
     return replace(solution, reliability=result, events=events)
-
-
-def _struct_fields(struct):
-    import msgspec
-
-    return msgspec.structs.fields(type(struct))
