@@ -144,7 +144,7 @@ def test_rotation_minimises_the_square_sum():
 
 
 def test_codes_of_the_kernel_are_those_of_the_package():
-    for name in ("OK", "TOO_FEW_SATELLITES", "HOLD_RELEASED"):
+    for name in ("OK", "TOO_FEW_SATELLITES", "WEAK_GEOMETRY", "HOLD_RELEASED"):
         assert getattr(array_engine, f"R_{name}") == getattr(errors.Reason, name)
     for name in ("NONE", "HELD", "FIXED"):
         assert getattr(array_engine, f"S_{name}") == getattr(errors.Status, name)

@@ -59,6 +59,7 @@ ABSENT, USED, EXCLUDED = 0, 1, 2
 # Reasons and statuses, equal to truenorth.errors (held equal by a test).
 R_OK = 0
 R_TOO_FEW_SATELLITES = 2
+R_WEAK_GEOMETRY = 12
 R_HOLD_RELEASED = 14
 S_NONE, S_HELD, S_FIXED = 0, 2, 3
 
@@ -87,6 +88,10 @@ ROUNDING_CYC = 0.25
 OUTLIER_SD = 4.0
 """Normalised residual beyond which a phase is an outlier. Where the test fails without one, the noise is
 larger than declared: the covariance grows with it, and nothing is rejected."""
+
+WEAK_SD_RAD = 0.07
+"""An attitude known no better than this is none: with as little, its mirror image may fit as well (four of
+7, 2, 1 and 7 phases: 38 degrees off at a stated 5.6)."""
 
 SHARE_TO_STRIKE = 0.2
 """Share of the degrees of freedom that outliers may take."""
@@ -578,6 +583,10 @@ def run_array(
         if has_answer and solved:
             log_event(events, numbers, counter, e, nobody, np.int64(E_FIXED), row[PROBABILITY], np.nan)
         if not solved:
+            continue
+        if cov[0, 0] + cov[1, 1] + cov[2, 2] > WEAK_SD_RAD * WEAK_SD_RAD:
+            # Few phases leave a turn open, or two attitudes that fit; what is held waits for better ones.
+            reason[e] = R_WEAK_GEOMETRY
             continue
         status[e] = S_FIXED if has_answer else S_HELD
         reason[e] = R_OK

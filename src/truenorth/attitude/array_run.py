@@ -26,7 +26,7 @@ USED, EXCLUDED = 1, 2
 BLOCK_ROWS = 100_000
 """Observations of one receiver in a block, about."""
 
-MAX_NODES = 2_000_000
+MAX_NODES = 500_000
 """Nodes of one epoch's joint search before it gives up."""
 
 MARGIN = 20.0
