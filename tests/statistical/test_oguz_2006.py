@@ -62,8 +62,9 @@ def test_the_integer_sets_of_the_thesis_are_the_true_ones(k):
     assert int(row[8]) == case.index
     assert int(row[9]) == found.index
     assert int(row[12]) == found.n_inside
-    # The same numbers on every platform but for the last digit.
-    assert float(row[10]) == pytest.approx(11.0 + found.azimuth_error_deg, abs=2e-4)
+    # The same numbers on every platform but for the last digits: the height's share of the troposphere, which
+    # the solver allows for and this sky has not, came after the table and is 0.3 mm a metre.
+    assert float(row[10]) == pytest.approx(11.0 + found.azimuth_error_deg, abs=5e-4)
 
 
 @pytest.mark.parametrize("k", range(3))

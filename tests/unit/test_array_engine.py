@@ -9,7 +9,13 @@ from truenorth import errors
 from truenorth._kernels import array_engine, array_normal
 from truenorth.attitude import solve_array
 from truenorth.attitude.array_run import EXCLUDED, USED
-from truenorth.config import ArraySettings, AttitudeFilterSettings, GnssSettings, ReliabilitySection
+from truenorth.config import (
+    ArraySettings,
+    AttitudeFilterSettings,
+    GnssSettings,
+    ReliabilitySection,
+    StochasticSettings,
+)
 from truenorth.errors import Reason, Status
 from truenorth.rotations import log_so3, rot_ned_from_body, skew
 from truenorth.simulation import simulate
@@ -267,3 +273,18 @@ def test_single_epochs_forget(calm):
     assert (solution.status[solution.is_accepted] == Status.FIXED).all()
     assert np.mean(solution.is_accepted) > 0.9
     assert np.nanmax(errors_deg(solution, calm)) < 1.0
+
+
+@pytest.mark.jit
+def test_epochs_that_alone_leave_doubts_are_searched_together():
+    """Four satellites, L1, no codes: one epoch is not sure; two with other multipath, 20 s apart, are."""
+    simulation = drive(duration_s=44.0)
+    noisy = StochasticSettings(estimate=False, phase_sd_m=0.004, phase_elevation_sd_m=0.004)
+    weak = GnssSettings(bands=("L1",), elevation_mask_deg=40.0, use_code=False, stochastic=noisy)
+    solution = solve(simulation, settings=weak)
+    assert (solution.reason[:20] == Reason.PROBABILITY_TEST).all()
+    assert solution.is_accepted[20:].all()
+    assert np.nanmax(errors_deg(solution, simulation)) < 1.0
+    # The same over the borders of blocks.
+    pieces = solve(simulation, settings=weak, block_epochs=7)
+    np.testing.assert_array_equal(pieces.status, solution.status)

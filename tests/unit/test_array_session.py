@@ -7,10 +7,11 @@ import pytest
 
 from truenorth.attitude import solve_array, solve_session
 from truenorth.cli.run import run_solve
-from truenorth.config import GnssSettings
+from truenorth.config import ArraySettings, GnssSettings
 from truenorth.errors import ConfigError, NoSolutionError, Reason, Status
 from truenorth.evaluation import compare
 from truenorth.simulation import simulate, write_simulation
+from truenorth.simulation.folder import SURVEYED_SD_M
 
 # Hundreds of epochs through the engine: too slow without the JIT.
 pytestmark = pytest.mark.jit
@@ -50,7 +51,7 @@ def folder(tmp_path_factory):
 def solution(simulation):
     return solve_array(
         [simulation.observations[name] for name in BODY_M], list(BODY_M.values()), simulation.navigation,
-        names=list(BODY_M),
+        names=list(BODY_M), array=ArraySettings(position_sd_m=SURVEYED_SD_M),
     )  # fmt: skip
 
 

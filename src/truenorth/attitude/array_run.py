@@ -14,7 +14,7 @@ import numpy as np
 
 from ..ambiguity.array_rows import ArcBook, ArrayRows, build_array_rows
 from ..config import ArraySettings, GnssSettings
-from ..errors import Reason
+from ..errors import Reason, Status
 from ..observations import Observations, sat_name, signal_name
 from ..timescales import NS_PER_S
 
@@ -36,6 +36,9 @@ CAP_FACTOR = 5.0
 """The search looks no further than this multiple of the residual test's limit, plus the margin."""
 
 NO_PRIOR = np.zeros((3, 3))
+
+MAX_UNSURE = 5
+"""Epochs that are searched together where none alone decides."""
 
 MAX_STRIKES = 8
 """Outlying phases that one epoch may lose before an antenna is looked for."""
@@ -242,6 +245,8 @@ class ArrayEngine:
         self._number, self._value = np.zeros((2, 0), np.int64), np.full((2, 0), np.nan)
         self._carried = np.zeros(kernel.N_CARRIED)
         self._carried[kernel.LAST_TIME] = np.nan
+        # Epochs that alone could not decide: time, rows, arcs.
+        self._unsure = []
 
     def step(self, rows, resumed=None):
         """Solve the next block.
@@ -266,6 +271,11 @@ class ArrayEngine:
         number, value = np.zeros((2, rows.n_arcs), np.int64), np.full((2, rows.n_arcs), np.nan)
         if resumed is not None and not self._settings.single_epoch:
             was, now = resumed
+            renumber = dict(zip(was.tolist(), now.tolist(), strict=True))
+            self._unsure = [
+                (time_ns, one, np.array([renumber.get(number, -1) for number in arc.tolist()]))
+                for time_ns, one, arc in self._unsure
+            ]
             number[:, now], value[:, now] = self._number[:, was], self._value[:, was]
         self._number, self._value = number, value
         table = np.empty((n, kernel.N_COLUMNS))
@@ -329,7 +339,51 @@ class ArrayEngine:
         if result[joint.COST] > limit:
             return Reason.RESIDUAL_TEST
         if not row[kernel.PROBABILITY] >= self._min_probability:
+            return self._search_together(rows, epoch, one, found, row)
+        self._unsure.clear()
+        return Reason.OK
+
+    def _search_together(self, rows, epoch, one, found, row):
+        """Joint search of an epoch that alone leaves doubts, with unsure ones before it; the verdict.
+
+        Only epochs whose multipath is another one count, so none nearer than its correlation time.
+        """
+        from .._kernels import array_engine as kernel
+        from ..ambiguity.joint import resolve_joint_epochs
+
+        if self._settings.single_epoch:
             return Reason.PROBABILITY_TEST
+        time_ns = int(rows.time_ns[epoch])
+        spacing_ns = self._settings.stochastic.correlation_s * NS_PER_S
+        if self._unsure and time_ns - self._unsure[-1][0] < spacing_ns:
+            return Reason.PROBABILITY_TEST
+        here = slice(int(rows.start[epoch]), int(rows.start[epoch + 1]))
+        # A row without a phase has an arc of its own, which no other epoch knows.
+        alone = -1 - np.arange(len(one.antenna)) - 1_000_000 * (epoch + 1)
+        arc = np.where(np.isfinite(one.phase_m), rows.arc[here], alone)
+        self._unsure.append((time_ns, one, arc))
+        del self._unsure[:-MAX_UNSURE]
+        if len(self._unsure) < 2:
+            return Reason.PROBABILITY_TEST
+        together = resolve_joint_epochs(
+            [one for _, one, _ in self._unsure],
+            [arc for _, _, arc in self._unsure],
+            use_code=self._settings.use_code,
+            success_probability=self._min_probability,
+            residual_significance=self._settings.residual_significance,
+            max_nodes=MAX_NODES,
+        )
+        if together.status != Status.FIXED:
+            if together.reason == Reason.RESIDUAL_TEST:
+                # Something slipped in between.
+                del self._unsure[:-1]
+            return Reason.PROBABILITY_TEST
+        known = dict(
+            zip(together.arcs[together.is_fixed], together.integers_cyc[together.is_fixed], strict=True)
+        )
+        found[here] = [known.get(number, np.nan) if number >= 0 else np.nan for number in arc]
+        row[kernel.PROBABILITY] = together.success_probability
+        self._unsure.clear()
         return Reason.OK
 
     def _event(self, rows, epoch, row, kind, statistic, limit):
