@@ -17,14 +17,12 @@ from ..config import ArraySettings, GnssSettings
 from ..errors import Reason, Status
 from ..observations import Observations, sat_name, signal_name
 from ..timescales import NS_PER_S
+from .runs import BLOCK_ROWS
 
 __all__ = ["EXCLUDED", "USED", "ArrayEngine", "ArrayRun", "EngineBlock", "compile_engine"]
 
 USED, EXCLUDED = 1, 2
 """Parts of an antenna in an epoch, as of `truenorth._kernels.array_engine`."""
-
-BLOCK_ROWS = 100_000
-"""Observations of one receiver in a block, about."""
 
 MAX_NODES = 500_000
 """Nodes of one epoch's joint search before it gives up."""

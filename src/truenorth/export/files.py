@@ -17,7 +17,7 @@ from ..errors import ConfigError
 from .columns import format_times
 from .layout import arrays_of, columns_of
 
-__all__ = ["FORMATS", "check_output_path", "write_solution"]
+__all__ = ["FORMATS", "check_output_path", "check_suffix", "write_solution"]
 
 FORMATS = {
     ".csv": "csv",
@@ -115,6 +115,34 @@ def check_output_path(path, *, format=None, of_array=False):
         )
     ensure_writable(path)
     return name
+
+
+def check_suffix(path, suffixes, *, key="out"):
+    """Make sure that a file can be written whose suffix names its format.
+
+    Parameters
+    ----------
+    path : str or path-like
+        File to be written later.
+    suffixes : sequence of str
+        Those that have a format.
+    key : str
+        The option that named the file.
+
+    Raises
+    ------
+    ConfigError
+        If the suffix is none of them or the file cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in suffixes:
+        raise ConfigError(
+            f"could not choose the format of {path}: {path.suffix or 'no suffix'!r} is not one of "
+            + ", ".join(suffixes),
+            key=key,
+            value=str(path),
+        )
+    ensure_writable(path, key=key)
 
 
 def ensure_writable(path, *, key="out"):

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import ConfigError
-from .files import ensure_writable
+from .files import check_suffix
 
 __all__ = ["TABLE_SUFFIXES", "check_table_path", "table_csv", "write_table"]
 
@@ -25,15 +25,7 @@ def check_table_path(path):
     ConfigError
         If the suffix is unknown or the file cannot be written.
     """
-    path = Path(path)
-    if path.suffix.lower() not in TABLE_SUFFIXES:
-        raise ConfigError(
-            f"could not choose the format of {path}: {path.suffix or 'no suffix'!r} is not one of "
-            + ", ".join(TABLE_SUFFIXES),
-            key="out",
-            value=str(path),
-        )
-    ensure_writable(path)
+    check_suffix(path, TABLE_SUFFIXES)
 
 
 def write_table(columns, path):

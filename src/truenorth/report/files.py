@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from ..errors import ConfigError
-from ..export.files import ensure_writable
+from ..export.files import check_suffix
 
 __all__ = ["STATIC_SUFFIXES", "check_figure_path", "write_figure"]
 
@@ -24,15 +24,7 @@ def check_figure_path(path):
     ConfigError
         If the suffix is unknown or the file cannot be written.
     """
-    path = Path(path)
-    if path.suffix.lower() not in (*STATIC_SUFFIXES, ".html"):
-        known = ", ".join((*STATIC_SUFFIXES, ".html"))
-        raise ConfigError(
-            f"could not choose the format of {path}: {path.suffix or 'no suffix'!r} is not one of {known}",
-            key="figure",
-            value=str(path),
-        )
-    ensure_writable(path, key="figure")
+    check_suffix(path, (*STATIC_SUFFIXES, ".html"), key="figure")
 
 
 def write_figure(solution, path):

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..constants import SYSTEM_NAMES
 from ..errors import ConfigError
-from ..export.files import ensure_writable
+from ..export.files import check_suffix
 from ..observations import sat_name
 from ..timescales import format_gpst, gpst_to_datetime64
 from .files import STATIC_SUFFIXES
@@ -43,15 +43,7 @@ def check_plan_figure_path(path):
     ConfigError
         If the suffix is unknown or the file cannot be written.
     """
-    path = Path(path)
-    if path.suffix.lower() not in STATIC_SUFFIXES:
-        raise ConfigError(
-            f"could not choose the format of {path}: {path.suffix or 'no suffix'!r} is not one of "
-            + ", ".join(STATIC_SUFFIXES),
-            key="figure",
-            value=str(path),
-        )
-    ensure_writable(path, key="figure")
+    check_suffix(path, STATIC_SUFFIXES, key="figure")
 
 
 def save_plan_figure(figure, path):

@@ -14,9 +14,9 @@ import numpy as np
 
 from ..adjustment import without_antenna
 from ..array_vectors import ArrayVectors, VectorBlock
+from ..vector_methods import MIN_ACROSS_M
 from ..vectors import array_extent_m, fit_rotation
 from .adaptation import Outcome, identify
-from .array_reliability import MIN_ACROSS_M
 from .settings import ReliabilitySettings
 
 __all__ = ["AttitudeAdaptation", "adapt_attitude", "fit_block"]

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...rotations import skew
+from ..vector_methods import ALONG_X, MIN_ACROSS_M
 from ..vectors import angle_jacobian, array_extent_m, total_covariance
 from .linear import filter_model, least_squares_model
 from .protection import ProtectionState, protection_level
@@ -35,12 +36,6 @@ __all__ = [
     "attitude_reliability",
     "filter_reliability",
 ]
-
-MIN_ACROSS_M = 0.02
-"""Antennas nearer than this to one line leave the rotation about it to the noise of the phases."""
-
-ALONG_X = 0.002
-"""A line of antennas within this angle, radians, of the x axis gives heading and pitch whatever the roll."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
