@@ -42,6 +42,8 @@ from .rotations import exp_so3, log_so3
 __all__ = [
     "InertialIncrements",
     "InertialStates",
+    "compensate_increments",
+    "compress_increments",
     "integrate_increments",
     "rate_inertial_body_radps",
     "reference_increments",
@@ -193,6 +195,69 @@ def reference_increments(trajectory: _Mover, time_s: np.ndarray) -> InertialIncr
         velocity_mps=np.einsum("nji,nj->ni", start, force),
         position_m=np.einsum("nji,nj->ni", start, force2),
     )
+
+
+def compensate_increments(angle_rad: np.ndarray, velocity_mps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    r"""Coning and sculling of a unit that only integrates what its axes feel.
+
+    With the integrals :math:`\alpha` of the rate and :math:`\upsilon` of the specific force in the turning
+    axes (Savage 1998, two-sample form),
+
+    .. math::
+        \Delta\theta_k &= \alpha_k + \tfrac1{12} \alpha_{k-1} \times \alpha_k\\
+        \Delta v_k &= \upsilon_k + \tfrac12 \alpha_k \times \upsilon_k
+        + \tfrac1{12} (\alpha_{k-1} \times \upsilon_k + \upsilon_{k-1} \times \alpha_k)
+
+    Parameters
+    ----------
+    angle_rad, velocity_mps : ndarray, shape (n, 3)
+        Integrals over equal intervals.
+
+    Returns
+    -------
+    angle_rad, velocity_mps : ndarray, shape (n, 3)
+        Rotation vectors and velocity increments in the axes at the start of each interval.
+    """
+    angle, velocity = np.asarray(angle_rad, dtype=float), np.asarray(velocity_mps, dtype=float)
+    # The first interval has none before it and is taken for its own.
+    angle0, velocity0 = (np.concatenate([rows[:1], rows[:-1]]) for rows in (angle, velocity))
+    coned = angle + np.cross(angle0, angle) / 12.0
+    sculled = velocity + 0.5 * np.cross(angle, velocity)
+    return coned, sculled + (np.cross(angle0, velocity) + np.cross(velocity0, angle)) / 12.0
+
+
+def compress_increments(increments: InertialIncrements, samples: int) -> InertialIncrements:
+    """Fewer, longer intervals that say the same: turn, velocity and position of each, in its first axes.
+
+    Parameters
+    ----------
+    increments : InertialIncrements
+        n intervals.
+    samples : int
+        How many become one; what is left at the end is dropped.
+
+    Returns
+    -------
+    InertialIncrements
+        ``n // samples`` intervals, with positions: where the unit gives none, by trapezoids within samples.
+    """
+    n = len(increments.angle_rad) // samples
+    used = n * samples
+    step = np.diff(increments.time_s[: used + 1]).reshape(n, samples, 1)
+    angle, velocity = (
+        rows[:used].reshape(n, samples, 3) for rows in (increments.angle_rad, increments.velocity_mps)
+    )
+    if increments.position_m is None:
+        position = 0.5 * step * velocity
+    else:
+        position = increments.position_m[:used].reshape(n, samples, 3)
+    turn = np.tile(np.eye(3), (n, 1, 1))
+    gained, moved = np.zeros((n, 3)), np.zeros((n, 3))
+    for k in range(samples):
+        moved += step[:, k] * gained + np.einsum("nij,nj->ni", turn, position[:, k])
+        gained += np.einsum("nij,nj->ni", turn, velocity[:, k])
+        turn = turn @ exp_so3(angle[:, k])
+    return InertialIncrements(increments.time_s[: used + 1 : samples], log_so3(turn), gained, moved)
 
 
 def integrate_increments(

@@ -29,6 +29,7 @@ LAYERS = (
     ("attitude",),
     ("calibration",),
     ("sensors",),
+    ("northfinding",),
     ("simulation",),
     ("planning",),
     ("evaluation",),
@@ -52,13 +53,14 @@ HOMES = {
     "requests": {"datasets"},
     "typer": {"cli"},
     "ppigrf": {"sensors"},
+    "allantools": {"sensors"},
 }
 
 # What costs too much to load with the package; imported inside the function that needs it.
 HEAVY = {
     "scipy", "polars", "xarray", "matplotlib", "plotly",
     "hatanaka", "ncompress", "pyubx2", "pooch", "requests",
-    "ppigrf", "pandas",
+    "ppigrf", "allantools", "pandas",
 }  # fmt: skip
 
 
