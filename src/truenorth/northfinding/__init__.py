@@ -1,8 +1,8 @@
 """North from the Earth's rotation: gyrocompassing and the rotating accelerometer.
 
-Every method takes increments of an inertial unit in body axes (`truenorth.strapdown.InertialIncrements`; the
-turntable its own log), a `Site`, and what is known of the sensor's errors (`truenorth.sensors.ImuDescription`),
-and returns a `NorthSolution`.
+Every method takes increments of an inertial unit in body axes (`truenorth.strapdown.InertialIncrements`;
+the turntable its own log), a `Site`, and what is known of the sensor's errors
+(`truenorth.sensors.ImuDescription`), and returns a `NorthSolution`.
 """
 
 import importlib

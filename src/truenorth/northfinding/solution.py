@@ -74,8 +74,8 @@ class Verdict:
 
     Parameters
     ----------
-    able : bool
-        Whether the achievable sigma is below the demanded one.
+    able : bool or None
+        Whether the achievable sigma is below the demanded one; None where nobody stated the sensor's errors.
     sentence : str
         What a person is told: sigma, place, time, and what limits it.
     achievable_heading_sd_rad : float
@@ -84,7 +84,7 @@ class Verdict:
         What was asked for.
     """
 
-    able: bool
+    able: bool | None
     sentence: str
     achievable_heading_sd_rad: float
     required_heading_sd_rad: float
