@@ -23,6 +23,7 @@ _PUBLIC = {
     "declination_rad": "compass",
     "heading_rate": "gyro",
     "magnetic_heading": "compass",
+    "read_errors": "error_file",
     "simulate_compass": "compass",
     "simulate_gyro": "gyro",
     "simulate_imu": "imu",
