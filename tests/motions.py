@@ -8,10 +8,12 @@ from truenorth.simulation.motion import (
     BodySection,
     CircleMotion,
     CircuitMotion,
+    Move,
     ShipMotion,
     StaticMotion,
     Stop,
     SuburbanMotion,
+    SwayMotion,
     TableTrajectory,
     TurntableMotion,
     WaypointMotion,
@@ -24,6 +26,15 @@ SECTIONS = {
     "static": StaticMotion(heading_deg=130.0, pitch_deg=4.0, roll_deg=-3.0),
     "turntable": TurntableMotion(rate_dps=7.0, tilt_deg=20.0, tilt_azimuth_deg=70.0),
     "turntable steps": TurntableMotion(steps=((0.0, 0.0), (20.0, 30.0), (60.0, -10.0), (90.0, 0.0))),
+    "sway": SwayMotion(
+        heading_deg=200.0,
+        pitch_deg=-2.0,
+        pitch_drift_deg_per_h=3.0,
+        moves=(
+            Move(at_s=40.0, duration_s=3.0, yaw_deg=5.0, sway_m=0.2),
+            Move(at_s=70.0, duration_s=2.0, lasting=False, roll_deg=1.0, heave_m=-0.05),
+        ),
+    ),
     "circle": CircleMotion(clockwise=False, body=BodySection(unevenness_mps2=0.5, side_offset_deg=3.0)),
     "coordinated circle": CircleMotion(radius_m=500.0, speed_mps=50.0, coordinated=True),
     "waypoints": WaypointMotion(

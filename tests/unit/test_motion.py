@@ -14,9 +14,11 @@ from truenorth.simulation.motion import (
     AircraftMotion,
     CircleMotion,
     MotionSection,
+    Move,
     ShipMotion,
     StaticMotion,
     SuburbanMotion,
+    SwayMotion,
     TableMotion,
     TableTrajectory,
     TurntableMotion,
@@ -105,7 +107,8 @@ def test_distance_is_the_length_of_the_way(kind):
     motion = moving.at(time_s)
     latitude, longitude, _ = geodetic_from_ecef(motion.position_ecef_m)
     east, north, _ = np.einsum("nij,nj->in", rot_enu_from_ecef(latitude, longitude), motion.velocity_ecef_mps)
-    speed = np.hypot(east, north)
+    # What a platform does about its place is no way.
+    speed = 0.0 * east if kind == "sway" else np.hypot(east, north)
     length = np.sum(0.5 * (speed[1:] + speed[:-1])) * 0.01
     ends = moving.distance_m(time_s[[0, -1]])
     # A far flight is shortened by the height and the tangent plane: (75 km)^2 / 2 R^2 at its end.
@@ -139,7 +142,7 @@ def test_side_offset():
     assert np.degrees(off) == pytest.approx(section.body.side_offset_deg)
 
 
-@pytest.mark.parametrize("kind", ["suburban", "circuit", "ship"])
+@pytest.mark.parametrize("kind", ["suburban", "circuit", "ship", "sway"])
 def test_same_seed_same_motion(kind):
     first, again, other = (trajectory(kind, DURATION_S, seed).at(INSTANTS) for seed in (3, 3, 4))
     assert np.array_equal(first.position_ecef_m, again.position_ecef_m)
@@ -184,6 +187,43 @@ def test_turntable_turns_about_its_axis():
     assert motion.rate_body_radps == pytest.approx(np.tile([0.0, 0.0, np.radians(9.0)], (80, 1)))
     # The nose dips most where it points to the azimuth the axis leans to.
     assert np.degrees(np.min(motion.pitch_rad)) == pytest.approx(-20.0, abs=0.1)
+
+
+def test_a_shaken_platform_stays_about_its_place():
+    section = SwayMotion(heading_deg=75.0, pitch_deg=3.0, roll_drift_deg_per_h=6.0)
+    time_s = np.arange(0.0, 3600.0, 0.25)
+    motion = build(section, 3600.0).at(time_s)
+    east, north, up = local(motion).T
+    turn = np.radians(75.0)
+    surge, sway = np.sin(turn) * east + np.cos(turn) * north, np.cos(turn) * east - np.sin(turn) * north
+    # An amplitude is the standard deviation times the root of two; the sums of 32 lines have it in the mean
+    # over a time that is long against the distance of the lines.
+    for values, amplitude in ((surge, 0.002), (sway, 0.004), (up, 0.001)):
+        assert np.mean(values) == pytest.approx(0.0, abs=0.01 * amplitude)
+        assert np.std(values) == pytest.approx(amplitude / np.sqrt(2.0), rel=0.02)
+    degrees = np.degrees([motion.heading_rad, motion.pitch_rad, motion.roll_rad])
+    degrees[2] -= 6.0 * time_s / 3600.0
+    for values, mean, amplitude in zip(degrees, (75.0, 3.0, 0.0), (0.02, 0.05, 0.1), strict=True):
+        assert np.mean(values) == pytest.approx(mean, abs=0.01 * amplitude)
+        assert np.std(values) == pytest.approx(amplitude / np.sqrt(2.0), rel=0.02)
+
+
+def test_moves_of_a_platform_last_or_come_back():
+    still = {"yaw": (), "pitch": (), "roll": (), "surge": (), "sway": (), "heave": ()}
+    section = SwayMotion(
+        heading_deg=90.0,
+        moves=(
+            Move(at_s=10.0, duration_s=4.0, yaw_deg=30.0, surge_m=2.0),
+            Move(at_s=20.0, duration_s=4.0, lasting=False, pitch_deg=5.0, heave_m=0.5),
+        ),
+        **still,
+    )
+    motion = build(section).at(np.array([9.9, 12.0, 14.1, 22.0, 24.1]))
+    assert np.degrees(motion.heading_rad) == pytest.approx([90.0, 105.0, 120.0, 120.0, 120.0], abs=1e-6)
+    assert np.degrees(motion.pitch_rad) == pytest.approx([0.0, 0.0, 0.0, 5.0, 0.0], abs=1e-6)
+    # Forward along the mean heading, whatever the platform is turned to.
+    assert local(motion)[:, 0] == pytest.approx([0.0, 1.0, 2.0, 2.0, 2.0], abs=1e-6)
+    assert local(motion)[:, 2] == pytest.approx([0.0, 0.0, 0.0, 0.5, 0.0], abs=1e-6)
 
 
 def test_turntable_steps():
@@ -461,6 +501,8 @@ POINTS = '"points_m": [[0, 0], [0, 50]]'
         ("turntable", '"tilt_deg": 181', "tilt_deg"),
         ("turntable", '"ramp_s": 0', "ramp_s"),
         ("turntable", '"steps": [[10, 1], [5, 2]]', "steps"),
+        ("sway", '"moves": [{"at_s": 5, "duration_s": 0}]', "duration_s"),
+        ("sway", '"heave": [{"amplitude": 1, "period_s": 0}]', "period_s"),
         ("circle", '"radius_m": 0', "radius_m"),
         ("circle", '"body": {"unevenness_mps2": -1}', "unevenness_mps2"),
         ("waypoints", '"points_m": [[0, 0]]', "points_m"),

@@ -90,7 +90,7 @@ def integrals(moving, start, interval, n_cells=40):
     return log_so3(rot), weights @ force, (weights * (interval - since)) @ force
 
 
-@pytest.mark.parametrize("kind", ["turntable", "circle", "suburban", "ship", "aircraft", "table"])
+@pytest.mark.parametrize("kind", ["turntable", "sway", "circle", "suburban", "ship", "aircraft", "table"])
 def test_increments_are_the_integrals_of_rate_and_force(kind):
     moving = trajectory(kind, 300.0)
     interval = 0.1

@@ -25,6 +25,7 @@ from .kinematics import LocalPlane, Motion, Trajectory
 from .routes import BodySection
 from .sea import Oscillation, ShipLeg, ShipMotion, ship_trajectory
 from .suburb import SuburbanMotion, suburban_trajectory
+from .sway import Move, SwayMotion, SwayTrajectory
 from .table import TableMotion, TableTrajectory, read_motion_table
 
 __all__ = [
@@ -38,12 +39,14 @@ __all__ = [
     "InertialStates",
     "Motion",
     "MotionSection",
+    "Move",
     "Oscillation",
     "ShipLeg",
     "ShipMotion",
     "StaticMotion",
     "Stop",
     "SuburbanMotion",
+    "SwayMotion",
     "TableMotion",
     "TableTrajectory",
     "Trajectory",
@@ -59,6 +62,7 @@ __all__ = [
 MotionSection = (
     StaticMotion
     | TurntableMotion
+    | SwayMotion
     | CircleMotion
     | WaypointMotion
     | SuburbanMotion
@@ -91,7 +95,8 @@ def build_trajectory(
     duration_s : float
         Of the scenario; the trajectory reaches 5 s further at both ends.
     seed : int
-        Of the scenario; what is random about the motion (waves, unevenness, streets) has streams of its own.
+        Of the scenario; what is random about the motion (waves, shaking, unevenness, streets) has streams of
+        its own.
     folder : str
         Folder that file names in the table are relative to.
 
@@ -109,6 +114,8 @@ def build_trajectory(
     match motion:
         case StaticMotion() | TurntableMotion():
             return TurntableTrajectory.build(motion, latitude_rad, longitude_rad, height_m, duration_s)
+        case SwayMotion():
+            return SwayTrajectory(motion, latitude_rad, longitude_rad, height_m, seed)
         case CircleMotion():
             return circle_trajectory(motion, plane, seed)
         case WaypointMotion():
