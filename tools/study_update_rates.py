@@ -20,7 +20,8 @@ import numpy as np
 import truenorth
 from truenorth.evaluation import compare_rates
 from truenorth.evaluation.decimation import point_spacing_m
-from truenorth.report.planning_figures import rates_figure, save_plan_figure
+from truenorth.report.files import save_figure
+from truenorth.report.planning_figures import rates_figure
 from truenorth.simulation import simulate
 from truenorth.timescales import NS_PER_S
 
@@ -255,7 +256,7 @@ def main():
         sys.stdout.write(text)
         return
     (options.out / "update_rates.md").write_text(text, encoding="utf-8")
-    save_plan_figure(rates_figure(next(iter(found.values()))), options.out / "update_rates.png")
+    save_figure(rates_figure(next(iter(found.values()))), options.out / "update_rates.png")
 
 
 if __name__ == "__main__":

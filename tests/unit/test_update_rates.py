@@ -127,7 +127,8 @@ def test_a_study_counts_the_outage_alike_at_every_rate(recording, tmp_path):
     assert "point spacing, m" in text
 
     from truenorth.export.planning import write_table
-    from truenorth.report.planning_figures import rates_figure, save_plan_figure
+    from truenorth.report.files import save_figure
+    from truenorth.report.planning_figures import rates_figure
 
     table = write_table(study.columns(), tmp_path / "rates.csv").read_text()
     assert table.startswith("rate_hz,epochs_expected")
@@ -136,5 +137,5 @@ def test_a_study_counts_the_outage_alike_at_every_rate(recording, tmp_path):
     import polars as pl
 
     assert pl.read_parquet(refix).columns[-1] == "refix_s_20hz"
-    assert save_plan_figure(rates_figure(study), tmp_path / "rates.svg").stat().st_size > 10_000
+    assert save_figure(rates_figure(study), tmp_path / "rates.svg").stat().st_size > 10_000
     assert study.to_dict()["rates"][2]["rate_hz"] == 20.0

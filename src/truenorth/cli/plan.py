@@ -145,10 +145,11 @@ def run_plan(
 
         written.append(write_table(table, out))
     if figure is not None:
-        from ..report.planning_figures import placement_figure, plan_figure, save_plan_figure
+        from ..report.files import save_figure
+        from ..report.planning_figures import placement_figure, plan_figure
 
         page = plan_figure(plan) if placement is None else placement_figure(plan, placement)
-        written.append(save_plan_figure(page, figure))
+        written.append(save_figure(page, figure))
     if as_json:
         told = plan.to_dict() | {"required": [asdict(item) for item in required]}
         if placement is not None:
@@ -234,9 +235,10 @@ def _tell_sweeps(swept: list[Any], *, out: Path | None, figure: Path | None, as_
             path = out if number == 0 else out.with_name(f"{out.stem}-{item.name}{out.suffix}")
             written.append(write_table(item.columns(), path))
     if figure is not None:
-        from ..report.planning_figures import save_plan_figure, sweep_figure
+        from ..report.files import save_figure
+        from ..report.planning_figures import sweep_figure
 
-        written.append(save_plan_figure(sweep_figure(swept), figure))
+        written.append(save_figure(sweep_figure(swept), figure))
     if as_json:
         told = {"sweeps": [item.to_dict() for item in swept], "files": [str(path) for path in written]}
         print(json.dumps(told, indent=2))
@@ -320,9 +322,9 @@ def check_files(out: Path | None, figure: Path | None) -> None:
 
         check_table_path(out)
     if figure is not None:
-        from ..report.planning_figures import check_plan_figure_path
+        from ..report.files import check_static_path
 
-        check_plan_figure_path(figure)
+        check_static_path(figure)
 
 
 def _changes_of(antenna: list[str], noise: str | None) -> dict[str, Any]:

@@ -52,9 +52,10 @@ def run_rates(
             beside = out.with_name(f"{out.stem}-refix{out.suffix}")
             written.append(write_table(study.refix_columns(), beside))
     if figure is not None:
-        from ..report.planning_figures import rates_figure, save_plan_figure
+        from ..report.files import save_figure
+        from ..report.planning_figures import rates_figure
 
-        written.append(save_plan_figure(rates_figure(study), figure))
+        written.append(save_figure(rates_figure(study), figure))
     if as_json:
         print(json.dumps({**study.to_dict(), "files": [str(path) for path in written]}, indent=2))
         return

@@ -1,11 +1,12 @@
-"""Writing the figure page of a result; the suffix names the kind of file."""
+"""Writing figures; the suffix names the kind of file."""
 
+from contextlib import contextmanager
 from pathlib import Path
 
 from ..errors import ConfigError
 from ..export.files import check_suffix
 
-__all__ = ["STATIC_SUFFIXES", "check_figure_path", "write_figure"]
+__all__ = ["STATIC_SUFFIXES", "check_figure_path", "check_static_path", "save_figure", "write_figure"]
 
 STATIC_SUFFIXES = (".png", ".pdf", ".svg")
 """Suffixes of static pages; ``.html`` is interactive."""
@@ -49,7 +50,7 @@ def write_figure(solution, path):
     """
     path = Path(path)
     check_figure_path(path)
-    try:
+    with _naming_place(path):
         if path.suffix.lower() == ".html":
             from .page import page_html
 
@@ -58,10 +59,60 @@ def write_figure(solution, path):
             from .figures import figure_page
 
             figure_page(solution).savefig(path)
+    return path
+
+
+def check_static_path(path):
+    """Make sure that a figure can be written that has no interactive form.
+
+    Parameters
+    ----------
+    path : str or path-like
+        File to be written later.
+
+    Raises
+    ------
+    ConfigError
+        If the suffix is unknown or the file cannot be written.
+    """
+    check_suffix(path, STATIC_SUFFIXES, key="figure")
+
+
+def save_figure(figure, path):
+    """Write a figure to a file.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        What to write.
+    path : str or path-like
+        ``.png``, ``.pdf`` or ``.svg``.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    ConfigError
+        If the suffix is unknown or the file cannot be written.
+    """
+    path = Path(path)
+    check_static_path(path)
+    with _naming_place(path):
+        figure.savefig(path)
+    return path
+
+
+@contextmanager
+def _naming_place(path):
+    """Let an error of the file system say which file, and what to do."""
+    try:
+        yield
     except OSError as error:
         raise ConfigError(
             f"could not write {path}: {error.strerror or error}; give another place",
             key="figure",
             value=str(path),
         ) from error
-    return path

@@ -1,24 +1,17 @@
 """Figures of plans: the sky over a day, what an array makes of it, sweeps, and rates compared."""
 
-from pathlib import Path
-
 import numpy as np
 
 from ..constants import SYSTEM_NAMES
-from ..errors import ConfigError
-from ..export.files import check_suffix
 from ..observations import sat_name
 from ..timescales import format_gpst, gpst_to_datetime64
-from .files import STATIC_SUFFIXES
 from .style import SYSTEM_COLORS
 
 __all__ = [
     "ANGLE_COLORS",
-    "check_plan_figure_path",
     "placement_figure",
     "plan_figure",
     "rates_figure",
-    "save_plan_figure",
     "sweep_figure",
 ]
 
@@ -28,55 +21,6 @@ ANGLE_COLORS = {"heading": "#0072B2", "pitch": "#D55E00", "roll": "#009E73"}
 
 MOST_NAMED = 40
 """Satellites that are named one by one; of more only the systems are."""
-
-
-def check_plan_figure_path(path):
-    """Make sure that a figure of a plan can be written.
-
-    Parameters
-    ----------
-    path : str or path-like
-        File to be written later.
-
-    Raises
-    ------
-    ConfigError
-        If the suffix is unknown or the file cannot be written.
-    """
-    check_suffix(path, STATIC_SUFFIXES, key="figure")
-
-
-def save_plan_figure(figure, path):
-    """Write a figure to a file.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        What to write.
-    path : str or path-like
-        ``.png``, ``.pdf`` or ``.svg``.
-
-    Returns
-    -------
-    pathlib.Path
-        The file.
-
-    Raises
-    ------
-    ConfigError
-        If the suffix is unknown or the file cannot be written.
-    """
-    path = Path(path)
-    check_plan_figure_path(path)
-    try:
-        figure.savefig(path)
-    except OSError as error:
-        raise ConfigError(
-            f"could not write {path}: {error.strerror or error}; give another place",
-            key="figure",
-            value=str(path),
-        ) from error
-    return path
 
 
 def plan_figure(plan):
