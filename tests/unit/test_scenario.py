@@ -6,7 +6,7 @@ import pytest
 import truenorth as tn
 from simulated_sessions import pair
 from truenorth.errors import ConfigError, FormatError
-from truenorth.simulation import read_scenario, scenario_names
+from truenorth.simulation import read_scenario, scenario_names, write_simulation
 
 NAMES = scenario_names()
 
@@ -41,6 +41,17 @@ def test_overrides_take_dotted_keys():
     assert scenario.platform.antennas[1].position_body_m == (2.0, 0.0, 0.0)
     assert scenario.platform.antennas[0].receiver.clock.oscillator == "common"
     assert read_scenario(scenario, {"seed": 9}).seed == 9
+
+
+def test_a_platform_without_antennas_has_sensors_or_is_refused(tmp_path):
+    table = pair(duration_s=2.0)
+    table["platform"] = {"name": "underground"}
+    with pytest.raises(ConfigError, match="neither antennas nor sensors"):
+        read_scenario(table)
+    table["sensors"] = {"imu": [{"grade": "tactical"}]}
+    written = write_simulation(table, tmp_path)
+    assert (written.session, written.observations, written.navigation) == (None, {}, ())
+    assert written.sensors["imu"][0].is_file()
 
 
 def test_numbers_of_numpy_are_numbers():

@@ -69,10 +69,12 @@ def simulate_scenario(scenario: str, out: Path, overrides: list[str], *, as_json
         print(f"source      {described.source}")
     for text in described.assumes:
         print(f"assumed     {text}")
-    print(f"epochs      {written.n_epochs} at {described.interval_s:g} s, {written.n_rows} observations")
+    if written.observations:
+        print(f"epochs      {written.n_epochs} at {described.interval_s:g} s, {written.n_rows} observations")
     for name, paths in {**written.observations, **written.sensors}.items():
         print(f"{name:<11} " + ", ".join(str(path) for path in paths))
-    print("orbits      " + ", ".join(str(path) for path in written.navigation))
+    if written.navigation:
+        print("orbits      " + ", ".join(str(path) for path in written.navigation))
     print(f"truth       {written.truth}")
     if written.session:
         print(f"session     {written.session}: solve it with `truenorth solve {written.session}`")

@@ -165,6 +165,8 @@ def _write_navigation(scenario: Scenario, navigation: Navigation, folder: Path) 
     from ..formats import write_rinex_navigation
 
     paths = []
+    if not scenario.platform.antennas:
+        return ()
     if len(navigation.kepler) or len(navigation.states):
         path = folder / "navigation.rnx"
         write_rinex_navigation(path, replace(navigation, precise=None))
@@ -199,7 +201,7 @@ def _write_epochs(
             ]
             paths[name] = tuple(path for path, _ in opened)
             writers[name] = [writer for _, writer in opened]
-        if scenario.output.signal_truth:
+        if scenario.output.signal_truth and names:
             (folder / _TABLE_FOLDER).mkdir()
         for number, block in enumerate(simulator.blocks(block_epochs, progress)):
             truths.append(_truth_columns(block.truth, names))

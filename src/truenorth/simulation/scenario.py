@@ -91,13 +91,12 @@ class SimulatedPlatform(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     """The ``[platform]`` table."""
 
     name: str = ""
-    antennas: tuple[SimulatedAntenna, ...]
+    antennas: tuple[SimulatedAntenna, ...] = ()
+    """None where there is no sky, and only sensors are aboard."""
     flexure: FlexureSection = FlexureSection()
 
     def __post_init__(self) -> None:
         names = [antenna.name for antenna in self.antennas]
-        if not names:
-            raise ConfigError("`antennas` is empty; give at least one", key="antennas")
         for name in names:
             if names.count(name) > 1:
                 raise ConfigError(
@@ -175,6 +174,10 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         except ValueError:
             refuse("start", "a time such as 2024-06-24T08:00:00")
         known = [antenna.name for antenna in self.platform.antennas]
+        if not known and self.sensors == SensorsSection():
+            raise ConfigError(
+                "the platform has neither antennas nor sensors; give it one of them", key="platform.antennas"
+            )
         for k, fault in enumerate(self.faults):
             if fault.antenna not in known:
                 raise ConfigError(
