@@ -62,9 +62,6 @@ def north_text(solution):
     ]
     for name, angle, sigma in zip(_ANGLES, angles, sd, strict=True):
         value = _wrapped(angle, decimals) if name == "heading" else angle
-        meaning = {"heading": "clockwise from true north", "pitch": "nose up", "roll": "right side down"}[
-            name
-        ]
         lines.append(
             f"{name:<11} {value:10.{decimals}f} deg   sigma {sigma_word(sigma):>8} deg   {_MEANING[name]}"
         )
