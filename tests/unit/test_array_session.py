@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from truenorth.attitude import solve_array, solve_session
+from truenorth.cli.request import make_session
 from truenorth.cli.run import run_solve
 from truenorth.config import ArraySettings, GnssSettings
 from truenorth.errors import ConfigError, NoSolutionError, Reason, Status
@@ -163,3 +164,17 @@ def test_every_method_gives_the_same_attitude(simulation, solution):
         difference = (found.roll_rad - solution.roll_rad[: found.n_epochs])[both]
         # The same phases; the noise they are weighted by is estimated from other samples.
         assert np.max(np.abs(difference)) < np.radians(0.3), method
+
+
+def test_settings_of_the_array_can_be_typed(folder):
+    typed = ["array.success_probability=0.99", "reliability.integrity_risk=1e-4", "elevation_mask_deg=12"]
+    session = make_session([folder.session], {}, typed)
+    assert session.array.success_probability == 0.99
+    assert session.array.position_sd_m == SURVEYED_SD_M
+    assert session.reliability.integrity_risk == 1e-4
+    assert session.gnss.elevation_mask_deg == 12
+    with pytest.raises(ConfigError, match="sucess"):
+        make_session([folder.session], {}, ["array.sucess=1"])
+    pair = [paths[0] for paths in list(folder.observations.values())[:2]]
+    with pytest.raises(ConfigError, match="session"):
+        make_session([*pair, folder.navigation[0]], {}, typed)

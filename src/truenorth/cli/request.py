@@ -30,6 +30,9 @@ OPTION_KEYS = {
 }
 """Options by the setting that each stands for."""
 
+ARRAY_TABLES = ("array", "attitude_filter", "reliability")
+"""Tables of a session beside ``[gnss]`` whose settings can be typed."""
+
 
 def make_session(files: list[Path], overrides: dict[str, Any], assignments: list[str]) -> Session:
     """Session of a command line: a session file or observation and navigation files, and options.
@@ -41,7 +44,8 @@ def make_session(files: list[Path], overrides: dict[str, Any], assignments: list
     overrides : dict
         Settings given as options; None where an option was not given.
     assignments : list of str
-        ``key=value`` texts, dotted keys allowed; values as in TOML, bare words are text.
+        ``key=value`` texts, dotted keys allowed; values as in TOML, bare words are text. Keys are those of
+        ``[gnss]`` unless they begin with another table of the session, e.g. ``array.method=triad``.
 
     Returns
     -------
@@ -58,12 +62,18 @@ def make_session(files: list[Path], overrides: dict[str, Any], assignments: list
     options = {key: option for key, option in OPTION_KEYS.items() if key in table}
     for text in assignments:
         _assign(table, text)
+    tables = {name: table.pop(name) for name in ARRAY_TABLES if name in table}
     is_session = any(path.suffix.lower() == ".toml" for path in files)
     if is_session and len(files) > 1:
         raise ConfigError("a session file names its own inputs; give it alone, or BASE ROVER NAV without it")
     try:
         if is_session:
-            return _with_overrides(Session.read(files[0]), table)
+            return _with_overrides(Session.read(files[0]), table, tables)
+        if tables:
+            raise ConfigError(
+                f"`--set {next(iter(tables))}...` is for an array of antennas; give its session.toml",
+                key=next(iter(tables)),
+            )
         return Session.for_pair(*_pair(files), settings=convert_settings(table, GnssSettings))
     except ConfigError as error:
         # Name the option that the user typed, not the setting behind it.
@@ -95,10 +105,11 @@ def _pair(files: list[Path]) -> tuple[str, str, tuple[str, ...]]:
     return str(base), str(rover), tuple(str(path) for path in navigation)
 
 
-def _with_overrides(session: Session, table: dict[str, Any]) -> Session:
+def _with_overrides(session: Session, table: dict[str, Any], tables: dict[str, Any]) -> Session:
     """Session with some of its settings replaced by options."""
     described = msgspec.to_builtins(session)
     _merge(described["gnss"], table)
+    _merge(described, tables)
     if table.get("length_m") is not None and session.is_array:
         raise ConfigError(
             f"`length_m` is for two antennas; the platform has {len(session.platform.antennas)}, whose body "

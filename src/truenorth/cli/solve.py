@@ -49,7 +49,9 @@ def solve(
     assign: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", metavar="KEY=VALUE", help="Any other setting, e.g. stochastic.phase_sd_m=0.002."
+            "--set",
+            metavar="KEY=VALUE",
+            help="Any other, e.g. stochastic.phase_sd_m=0.002, array.method=triad.",
         ),
     ] = None,
     out: Annotated[
