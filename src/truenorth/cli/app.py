@@ -285,6 +285,69 @@ def _plan(
     )
 
 
+@app.command("northfind")
+@_guarded
+def _northfind(
+    log: Annotated[
+        Path, typer.Argument(help="Table of an inertial unit: .csv, .parquet, PSINS text.", metavar="LOG")
+    ],
+    latitude: Annotated[float | None, typer.Option(help="Degrees north.")] = None,
+    longitude: Annotated[float | None, typer.Option(help="Degrees east.")] = None,
+    height: Annotated[float | None, typer.Option(help="Above the ellipsoid, metres.")] = None,
+    latitude_sd: Annotated[float, typer.Option(help="How well the latitude is known, degrees.")] = 0.0,
+    position: Annotated[
+        Path | None, typer.Option(help="Where, from a session.toml or a RINEX observation file.")
+    ] = None,
+    mapping: Annotated[
+        Path | None, typer.Option(help="TOML file that names the columns, units and axes of LOG.")
+    ] = None,
+    errors: Annotated[
+        str | None,
+        typer.Option(
+            help="Errors of the sensor: consumer, industrial, tactical, navigation, or a TOML file."
+        ),
+    ] = None,
+    method: Annotated[
+        str | None, typer.Option(help="See docs/northfinding.md; velocity-fit by default.")
+    ] = None,
+    require: Annotated[
+        float, typer.Option("--require-deg", help="Sigma of the azimuth that is asked for.")
+    ] = 1.0,
+    start: Annotated[float | None, typer.Option("--from", help="Seconds from the start of LOG.")] = None,
+    end: Annotated[float | None, typer.Option("--until", help="Seconds from the start of LOG.")] = None,
+    table_angles: Annotated[
+        str | None,
+        typer.Option(metavar="DEG,DEG...", help="Of a turntable at its halts, clockwise; method positions."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Estimate after every second: .csv or .parquet.")] = None,
+    figure: Annotated[
+        Path | None, typer.Option(help="Convergence and error budget: .png, .pdf or .svg.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> int:
+    """Find north from the rotation of the Earth: azimuth, pitch and roll from gyros and accelerometers."""
+    from .northfind import run_northfind
+
+    return run_northfind(
+        log,
+        mapping=mapping,
+        position=position,
+        latitude_deg=latitude,
+        longitude_deg=longitude,
+        height_m=height,
+        latitude_sd_deg=latitude_sd,
+        method=method,
+        errors=errors,
+        required_deg=require,
+        start_s=start,
+        end_s=end,
+        table_angles_deg=table_angles,
+        out=out,
+        figure=figure,
+        as_json=as_json,
+    )
+
+
 @app.command("rates")
 @_guarded
 def _rates(

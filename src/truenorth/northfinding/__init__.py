@@ -9,11 +9,14 @@ import importlib
 from typing import Any
 
 _PUBLIC = {
+    "DEFAULT_METHOD": "find",
     "ErrorBudget": "solution",
+    "METHODS": "find",
     "NorthRun": "solution",
     "NorthSolution": "solution",
     "Site": "site",
     "Verdict": "solution",
+    "find_north": "find",
 }
 """Public name and the module that holds it; loaded on first use."""
 

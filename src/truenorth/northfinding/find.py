@@ -1,0 +1,166 @@
+"""One search for north: the record is checked, a method chosen by name, and the result judged."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..errors import ConfigError
+from ..sensors.imu import ImuDescription
+from ..strapdown import InertialIncrements
+from .site import Site
+from .solution import NorthSolution, Verdict
+
+__all__ = ["DEFAULT_METHOD", "METHODS", "find_north"]
+
+
+def _static(form: str) -> Callable[..., NorthSolution]:
+    def align(increments: InertialIncrements, site: Site, **options: Any) -> NorthSolution:
+        from .static import align_static
+
+        return align_static(increments, site, form=form, **options)
+
+    return align
+
+
+def _inertial(form: str) -> Callable[..., NorthSolution]:
+    def align(increments: InertialIncrements, site: Site, **options: Any) -> NorthSolution:
+        from .inertial import align_inertial
+
+        return align_inertial(increments, site, form=form, **options)
+
+    return align
+
+
+def _fine(updates: str) -> Callable[..., NorthSolution]:
+    def align(increments: InertialIncrements, site: Site, **options: Any) -> NorthSolution:
+        from .fine import align_fine
+
+        return align_fine(increments, site, updates=updates, **options)
+
+    return align
+
+
+def _positions(increments: InertialIncrements, site: Site, **options: Any) -> NorthSolution:
+    from .positions import align_positions
+
+    return align_positions(increments, site, **options)
+
+
+def _carousel(increments: InertialIncrements, site: Site, **options: Any) -> NorthSolution:
+    from .positions import align_carousel
+
+    return align_carousel(increments, site, **options)
+
+
+DEFAULT_METHOD = "velocity-fit"
+
+METHODS: dict[str, tuple[Callable[..., NorthSolution], str]] = {
+    "velocity-fit": (
+        _inertial("velocity-fit"),
+        "inertial frame, least squares of the velocity; at rest, shaken",
+    ),
+    "weighted": (_inertial("weighted"), "the same with the gyro's noise weighed against the shaking"),
+    "gravity-fit": (_inertial("gravity-fit"), "inertial frame, gravity's cone fitted"),
+    "velocity-differences": (_inertial("velocity-differences"), "inertial frame, sliding differences"),
+    "velocity-optimised": (
+        _inertial("velocity-optimised"),
+        "inertial frame, all velocities (Wu et al. 2011)",
+    ),
+    "displacement-optimised": (_inertial("displacement-optimised"), "inertial frame, second integrals"),
+    "two-velocities": (_inertial("two-velocities"), "inertial frame, two vectors"),
+    "static": (_static("orthonormal"), "plain averages, two vectors; nothing may move"),
+    "published": (_static("published"), "plain averages, the direct form of Oguz (2006)"),
+    "fine": (_fine("always"), "filter with biases, zero velocity throughout; needs --errors"),
+    "strapdown": (_fine("still"), "filter with biases, zero velocity only where the record is still"),
+    "positions": (_positions, "two or more positions on a turntable: gyro bias removed"),
+    "carousel": (_carousel, "continuous turning on a turntable: gyro bias removed"),
+}
+"""Method by name and what it is for."""
+
+
+def find_north(
+    increments: InertialIncrements,
+    site: Site,
+    *,
+    method: str = DEFAULT_METHOD,
+    errors: ImuDescription | None = None,
+    required_heading_sd_rad: float = float(np.radians(1.0)),
+    running: bool = True,
+    **options: Any,
+) -> NorthSolution:
+    """Find where a body at rest points, from gyros and accelerometers alone.
+
+    Parameters
+    ----------
+    increments : InertialIncrements
+        Of the unit, in body axes (forward, right, down).
+    site : Site
+        Where it stands.
+    method : str
+        A name of `METHODS`.
+    errors : ImuDescription, optional
+        What is known of the sensor's errors. Without it sigma covers what shows as noise in the record, and
+        the verdict says which bias would be too much.
+    required_heading_sd_rad : float
+        What the verdict is about.
+    running : bool
+        Also the estimate after every second.
+    **options
+        Of the method, see its function.
+
+    Returns
+    -------
+    NorthSolution
+        Attitude at the end of the record, with covariance, budget and verdict.
+
+    Raises
+    ------
+    ConfigError
+        If the method is unknown or needs errors that are not stated.
+    NoSolutionError
+        If the record cannot be what it claims to be: saturated, wrongly scaled, feeling no Earth rate, too
+        short; or if the method finds nothing in it.
+    """
+    from .budget import judge
+    from .checks import check_record
+
+    if method not in METHODS:
+        raise ConfigError(f"`{method}` is no method; choose {', '.join(METHODS)}", key="method", value=method)
+    if errors is None and method in ("fine", "strapdown"):
+        raise ConfigError(
+            f"the filter of `{method}` weighs biases and noise; state the sensor's errors (a grade or a file)",
+            key="errors",
+        )
+    moving = method in ("positions", "carousel", "fine", "strapdown")
+    felt = check_record(increments, site, errors=errors, may_turn=moving)
+    solution = METHODS[method][0](increments, site, errors=errors, running=running, **options)
+    if solution.budget is None or errors is None:
+        verdict = _unstated(solution, required_heading_sd_rad)
+    else:
+        verdict = judge(solution.budget, site, solution.duration_s, required_heading_sd_rad)
+    measured = {**felt.figures(), **solution.measured}
+    return dataclasses.replace(solution, verdict=verdict, measured=measured)
+
+
+def _unstated(solution: NorthSolution, required_rad: float) -> Verdict:
+    """What a verdict can be where nobody stated the sensor's errors: the bias that would be too much."""
+    noise_rad = float(solution.angle_sd_rad[0])
+    horizontal_radps = solution.site.horizontal_rate_radps
+    room_rad = np.sqrt(max(required_rad**2 - noise_rad**2, 0.0))
+    dph = np.degrees(room_rad * horizontal_radps) * 3600.0
+    required = f"{np.degrees(required_rad):.3g} deg"
+    if room_rad == 0.0:
+        text = (
+            f"The noise of the record alone makes {np.degrees(noise_rad):.2g} deg of the {required} that were"
+            f" asked for; average longer."
+        )
+        return Verdict(False, text, noise_rad, required_rad)
+    text = (
+        f"The errors of the sensor are not stated. At latitude {np.degrees(solution.site.latitude_rad):.2f} it"
+        f" can do {required} if its gyro bias is below {dph:.2g} deg/h (one sigma, east axis)."
+    )
+    return Verdict(None, text, noise_rad, required_rad)
