@@ -74,12 +74,12 @@ def _example(
         Path | None, typer.Option("--figure", help="Figure page: .png, .pdf, .svg or .html.")
     ] = None,
     method: Annotated[
-        str | None, typer.Option("--method", help="Integer resolution, as for `solve`.")
+        str | None, typer.Option("--method", help="As for `solve`, or for `northfind`.")
     ] = None,
     single_epoch: Annotated[bool, typer.Option("--single-epoch", help="Every epoch by itself.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Summary as JSON.")] = False,
 ) -> int:
-    """Solve a public data set by name, with its published length; fetched when it is not at hand."""
+    """Solve a public data set by name, with its published truth beside; fetched when it is not at hand."""
     from .example import solve_example
 
     return solve_example(
