@@ -548,9 +548,13 @@ def heading_sd_against_latitude(
 
 
 _WHITE = {"angle random walk", "velocity random walk"}
-_FALLS_FASTER = {"gyro quantisation", "accelerometer quantisation"}
-_TURNS_AWAY = {"gyro bias", "gyro g-sensitivity", "accelerometer bias"}
+_ENDS = {"gyro quantisation", "accelerometer quantisation"}
+_WALKS = {"rate random walk", "accelerometer bias walk"}
 _SLOW = {"gyro bias instability", "accelerometer bias instability"}
+_TURNS_AWAY = {"gyro bias", "gyro g-sensitivity", "accelerometer bias"}
+
+LONGEST_S = 86_400.0
+"""No one averages for longer."""
 
 
 def judge(budget: ErrorBudget, site: Site, duration_s: float, required_heading_sd_rad: float) -> Verdict:
@@ -570,89 +574,99 @@ def judge(budget: ErrorBudget, site: Site, duration_s: float, required_heading_s
     Returns
     -------
     Verdict
+        Not able also where the errors are of the size of the horizontal Earth rate (first-order theory gives
+        more than `HOPELESS_SD_RAD`), whatever is demanded.
     """
     row = _heading_row(budget.rot_ned_from_body)
     variance = {line.source: float(row @ line.cov_ned_rad2 @ row) for line in budget.lines}
     linear = float(np.sqrt(sum(variance.values())))
-    achievable = float(heading_sd_on_circle(linear))
-    able = achievable <= required_heading_sd_rad and linear < HOPELESS_SD_RAD
+    achievable, required = float(heading_sd_on_circle(linear)), float(required_heading_sd_rad)
     where = f"at latitude {np.degrees(site.latitude_rad):.1f} in {duration_s:.4g} s"
-    demanded = f"{_degrees(required_heading_sd_rad)} demanded"
-    if not budget.lines or linear == 0.0:
-        sentence = f"No error is stated that would limit this sensor {where}."
-        return Verdict(True, sentence, achievable, required_heading_sd_rad)
+    if linear == 0.0:
+        return Verdict(True, f"No error is stated that would limit this sensor {where}.", 0.0, required)
     worst = max(budget.lines, key=lambda line: variance[line.source])
-    limit = f"{worst.source} of {worst.stated}"
-    if able:
-        sentence = (
-            f"This sensor can find north to {_degrees(achievable)} (one sigma) {where}, {demanded};"
-            f" its {limit} limits it."
+    whose = "the" if worst.source in ("latitude", "deflection of the vertical") else "its"
+    limit = f"{whose} {worst.source} of {worst.stated}"
+    if achievable <= required and linear < HOPELESS_SD_RAD:
+        return Verdict(
+            True,
+            f"This sensor can find north to {_degrees(achievable)} (one sigma) {where}, better than the"
+            f" {_degrees(required)} demanded; {limit} limits it.",
+            achievable,
+            required,
         )
-        return Verdict(True, sentence, achievable, required_heading_sd_rad)
-    help_ = _remedy(variance, worst.source, duration_s, required_heading_sd_rad)
+    remedy = _remedy(variance, duration_s, required)
     if linear >= HOPELESS_SD_RAD:
-        rate = site.horizontal_rate_radps / _DPH
-        times = float(np.sqrt(variance[worst.source]))
+        ratio = float(np.sqrt(variance[worst.source]))
+        times = f"{ratio:.1f} times" if ratio < 3.0 else f"{ratio:.0f} times"
+        subject = limit if worst.source == "gyro bias" else f"what {limit} leaves"
         sentence = (
-            f"This sensor cannot find north {where}: its {limit} is {_times(times)} the horizontal Earth rate"
-            f" of {rate:.1f} deg/h there; {help_}."
+            f"This sensor cannot find north {where}: {subject} is {times} the horizontal Earth rate of"
+            f" {site.horizontal_rate_radps / _DPH:.1f} deg/h there; {remedy}."
         )
     else:
         sentence = (
-            f"This sensor cannot find north to the {demanded} {where}: {_degrees(achievable)} (one sigma) is"
-            f" what it can do, limited by its {limit}; {help_}."
+            f"This sensor cannot find north to the {_degrees(required)} demanded {where}: it reaches"
+            f" {_degrees(achievable)} (one sigma), limited by {limit}; {remedy}."
         )
-    return Verdict(False, sentence, achievable, required_heading_sd_rad)
+    return Verdict(False, sentence, achievable, required)
 
 
-def _remedy(variance: dict[str, float], worst: str, duration_s: float, required_sd_rad: float) -> str:
+def _remedy(variance: dict[str, float], duration_s: float, required_sd_rad: float) -> str:
     """What would bring a heading to what is demanded, if anything would."""
     from ..sensors.processes import flicker_variance
 
-    wanted = required_sd_rad**2
-    total = sum(variance.values())
-    white = sum(variance.get(name, 0.0) for name in _WHITE | _FALLS_FASTER)
-    # What changes more slowly than the records is turned away with the biases; the difference of two means
-    # of neighbouring records has twice their Allan variance, half the difference a half of it.
+    # What changes more slowly than the records is turned away with the biases: half the difference of two
+    # neighbouring means has half the Allan variance of each.
     time = np.array(duration_s)
     stays = 0.5 * float(flicker_variance(time, 1.0) / _flicker_mean(time, 1.0))
-    turned = sum(variance.get(name, 0.0) for name in _TURNS_AWAY)
-    turned += (1.0 - stays) * sum(variance.get(name, 0.0) for name in _SLOW)
-    if total - white < wanted:
-        longer_s = duration_s * white / (wanted - (total - white))
-        return f"averaging for {_span(longer_s)} would do"
-    if total - turned < wanted:
-        return (
-            "turning it by 180 degrees about the vertical between two records of this length removes the"
-            f" biases and would leave {_degrees(float(np.sqrt(total - turned)))}"
-        )
-    if total - turned - white < wanted:
-        longer_s = duration_s * white / (wanted - (total - turned - white))
-        return f"two positions 180 degrees apart of {_span(longer_s)} each would do"
-    left = float(heading_sd_on_circle(np.sqrt(max(total - turned - white, 0.0))))
-    rest = max(
-        (name for name in variance if name not in _WHITE | _FALLS_FASTER | _TURNS_AWAY),
-        key=lambda name: variance[name],
-    )
+    longer = np.geomspace(1.0, max(1.0, LONGEST_S / duration_s), 500)
+
+    def after(positions: int) -> dict[str, np.ndarray]:
+        """Variance of each source at longer durations."""
+        sources = {}
+        for name, value in variance.items():
+            left = np.full(len(longer), value)
+            if name in _WHITE | _ENDS:
+                left = value / longer ** (1 if name in _WHITE else 2) / positions
+            elif name in _WALKS:
+                left = value * longer
+            elif positions == 2 and name in _SLOW | _TURNS_AWAY:
+                left = left * (stays if name in _SLOW else 0.0)
+            sources[name] = left
+        return sources
+
+    for positions in (1, 2):
+        sources = after(positions)
+        left = sum(sources.values(), np.zeros(len(longer)))
+        enough = np.flatnonzero(left <= required_sd_rad**2)
+        if positions == 1 and len(enough):
+            return f"averaging for {_span(longer[enough[0]] * duration_s)} would do"
+        if len(enough) and enough[0] == 0:
+            return (
+                "two records of this length, with a turn by 180 degrees about the vertical between them, would"
+                f" remove the biases and leave {_degrees(float(np.sqrt(left[0])))}"
+            )
+        if len(enough):
+            span = _span(longer[enough[0]] * duration_s)
+            return f"two positions, 180 degrees apart about the vertical, for {span} each would do"
+    best = int(np.argmin(left))
+    source = max(sources, key=lambda name: sources[name][best])
     return (
-        f"even two positions 180 degrees apart and longer averaging would leave {_degrees(left)} of its"
-        f" {rest}; a better sensor is needed"
+        "even two positions, 180 degrees apart about the vertical, would leave"
+        f" {_degrees(float(heading_sd_on_circle(np.sqrt(left[best]))))}, most of it by {source}; it takes a better sensor"
     )
 
 
 def _degrees(angle_rad: float) -> str:
-    """Angle to two figures, or three from ten on."""
-    return f"{np.degrees(angle_rad):.3g} deg" if angle_rad > 0.17 else f"{np.degrees(angle_rad):.2g} deg"
-
-
-def _times(ratio: float) -> str:
-    """How many times, in words for a sentence."""
-    return f"{ratio:.1f} times" if ratio < 3.0 else f"{ratio:.0f} times"
+    """Angle in degrees to two figures, or three from ten on."""
+    angle = float(np.degrees(angle_rad))
+    return f"{angle:.3g} deg" if angle >= 10.0 else f"{angle:.2g} deg"
 
 
 def _span(duration_s: float) -> str:
     """Duration in the unit a person would use."""
-    for unit, length_s in (("days", 86_400.0), ("hours", 3600.0), ("minutes", 60.0)):
+    for unit, length_s in (("hours", 3600.0), ("minutes", 60.0)):
         if duration_s >= 2.0 * length_s:
             return f"{duration_s / length_s:.2g} {unit}"
     return f"{np.ceil(duration_s):.0f} s"
