@@ -644,17 +644,18 @@ def _remedy(variance: dict[str, float], duration_s: float, required_sd_rad: floa
             return f"averaging for {_span(longer[enough[0]] * duration_s)} would do"
         if len(enough) and enough[0] == 0:
             return (
-                "two records of this length, with a turn by 180 degrees about the vertical between them, would"
-                f" remove the biases and leave {_degrees(float(np.sqrt(left[0])))}"
+                "two records of this length, with a turn by 180 degrees about the vertical between them,"
+                f" would remove the biases and leave {_degrees(float(np.sqrt(left[0])))}"
             )
         if len(enough):
             span = _span(longer[enough[0]] * duration_s)
             return f"two positions, 180 degrees apart about the vertical, for {span} each would do"
     best = int(np.argmin(left))
     source = max(sources, key=lambda name: sources[name][best])
+    least = _degrees(float(heading_sd_on_circle(np.sqrt(left[best]))))
     return (
-        "even two positions, 180 degrees apart about the vertical, would leave"
-        f" {_degrees(float(heading_sd_on_circle(np.sqrt(left[best]))))}, most of it by {source}; it takes a better sensor"
+        f"even two positions, 180 degrees apart about the vertical, would leave {least}, most of it by"
+        f" {source}; it takes a better sensor"
     )
 
 
