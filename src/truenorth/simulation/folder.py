@@ -332,8 +332,8 @@ def _slip_columns(slips: list[tuple[int, str, int, int, int]]) -> dict[str, np.n
 
 
 def _write_sensors(simulator: Simulator, folder: Path) -> dict[str, tuple[Path, ...]]:
-    """Sensor logs as tables with their truth, and in the format of the instrument where there is one."""
-    from ..formats import write_sensor_table
+    """Sensor logs as tables, their truth beside, and in the format of the instrument where there is one."""
+    from ..formats import write_sensor_table, write_table
 
     paths: dict[str, list[Path]] = {}
     logs = simulator.sensors()
@@ -342,6 +342,10 @@ def _write_sensors(simulator: Simulator, folder: Path) -> dict[str, tuple[Path, 
         path.parent.mkdir(exist_ok=True)
         write_sensor_table(path, log)
         paths[name] = [path]
+        if simulator.scenario.output.signal_truth and log.truth:
+            table = folder / _TABLE_FOLDER / f"{name}.parquet"
+            table.parent.mkdir(exist_ok=True)
+            write_table(table, log.truth)
     if simulator.scenario.output.native_sensors:
         _write_native(logs, paths)
     return {name: tuple(written) for name, written in paths.items()}

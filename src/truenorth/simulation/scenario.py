@@ -115,7 +115,7 @@ class OutputSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     native_sensors: bool = True
     """Sensor logs also in the format of the instrument."""
     signal_truth: bool = True
-    """Every error term of every observation, as Parquet tables."""
+    """Every error term of every observation and sensor sample, as Parquet tables."""
     quantise: bool = True
     """Observations carry the digits of a RINEX file, in memory as well."""
 
