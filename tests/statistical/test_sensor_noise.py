@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 
 from moving_bodies import Circling, Resting, Wobbling, generators
+from truenorth.northfinding.turntable import demodulate
 from truenorth.sensors import (
     CompassDescription,
     FogDescription,
@@ -35,7 +36,6 @@ from truenorth.sensors.processes import (
     random_walk,
     random_walk_variance,
 )
-from truenorth.sensors.turntable_accelerometer import demodulate
 from truenorth.timescales import gpst_from_calendar
 
 FALSE_ALARM = 1e-5

@@ -5,12 +5,11 @@ import pytest
 
 from moving_bodies import Resting, generators
 from truenorth.errors import ConfigError
+from truenorth.northfinding.turntable import demodulate, inclination_error_rad
 from truenorth.sensors import TurntableAccelerometerDescription, simulate_turntable_accelerometer
 from truenorth.sensors.turntable_accelerometer import (
     Vibration,
     coriolis_amplitude_mps2,
-    demodulate,
-    inclination_error_rad,
 )
 
 FORTY = np.radians(40.0)

@@ -13,7 +13,8 @@ eq. 5.6 to 5.12)::
     f = g + 2 Omega w_N rho cos(Omega t + psi_ccw) + smaller terms
 
 A tilted table turns the horizontal part of the Earth rate in its plane: the azimuth is wrong by about
-atan(tilt tan(latitude) cos(axis)) (eq. 5.20); the simulation has the exact geometry instead.
+atan(tilt tan(latitude) cos(axis)) (eq. 5.20); the simulation has the exact geometry instead. What the
+log says of north is `truenorth.northfinding.turntable`'s.
 
 Defaults are those of the source: 600 revolutions a minute, 5 cm, noise 1e-5 m/s^2; 500 samples in a
 revolution, as its scatter suggests. Angular acceleration of the body is left out: the method is for a
@@ -47,8 +48,6 @@ __all__ = [
     "TurntableAccelerometerDescription",
     "Vibration",
     "coriolis_amplitude_mps2",
-    "demodulate",
-    "inclination_error_rad",
     "simulate_turntable_accelerometer",
 ]
 
@@ -72,7 +71,7 @@ class TurntableAccelerometerDescription(
 
     radius_m: float = 0.05
     table_rpm: float = 600.0
-    """Speed of the table, revolutions a minute, counter-clockwise from above."""
+    """Speed of the table, revolutions a minute, counter-clockwise from above; negative turns clockwise."""
     samples_per_revolution: int = 500
     start_s: float = 0.0
     """When the first revolution begins, seconds since the start."""
@@ -87,7 +86,8 @@ class TurntableAccelerometerDescription(
     tilt_roll_deg: float = 0.0
     """Tilt of the table in the body: its right side lower."""
     axis_error_mrad: tuple[float, float] = (0.0, 0.0)
-    """The sensitive axis leans outwards along the radius, and along the motion."""
+    """The sensitive axis leans outwards along the radius, and along the motion of a table that turns
+    counter-clockwise."""
     speed_jitter: float = 0.0
     """Share by which the speed wanders, one sigma."""
     speed_jitter_time_constant_s: float = 0.05
@@ -96,7 +96,8 @@ class TurntableAccelerometerDescription(
     vibrations: tuple[Vibration, ...] = ()
 
     def __post_init__(self) -> None:
-        require_positive(self, "radius_m", "table_rpm", "samples_per_revolution", "revolutions")
+        require_positive(self, "radius_m", "samples_per_revolution", "revolutions")
+        require(self, "table_rpm", test=lambda rpm: rpm != 0.0, wanted="a speed that is not zero")
         require_not_negative(
             self, "start_s", "noise_mps2", "speed_jitter", "speed_jitter_time_constant_s", "angle_noise_deg"
         )
@@ -113,7 +114,7 @@ class TurntableAccelerometerDescription(
 
     @property
     def table_rate_radps(self) -> float:
-        """float: Speed of the table, rad/s."""
+        """float: Speed of the table, rad/s, counter-clockwise positive."""
         return self.table_rpm * 2.0 * np.pi / 60.0
 
 
@@ -143,13 +144,13 @@ def simulate_turntable_accelerometer(
     Returns
     -------
     SensorLog
-        Columns ``acceleration_mps2`` and ``table_angle_rad`` (encoder, from the mark, growing over the
-        revolutions); truth ``time_ns``, ``heading_rad``, ``table_angle_rad``, ``signal_mps2`` (without
-        noise, bias and vibration), ``coriolis_mps2`` (the textbook term), ``vibration_mps2``,
-        ``noise_mps2``.
+        Columns ``acceleration_mps2`` and ``table_angle_rad`` (encoder, from the mark counter-clockwise,
+        growing or falling over the revolutions); truth ``time_ns``, ``heading_rad``, ``table_angle_rad``,
+        ``signal_mps2`` (without noise, bias and vibration), ``coriolis_mps2`` (the textbook term),
+        ``vibration_mps2``, ``noise_mps2``.
     """
     rate, per_turn = sensor.table_rate_radps, sensor.samples_per_revolution
-    step_s = 2.0 * np.pi / rate / per_turn
+    step_s = 2.0 * np.pi / abs(rate) / per_turn
     turns = min(sensor.revolutions, int((duration_s - sensor.start_s) / (per_turn * step_s) + 1e-9))
     n = max(0, turns) * per_turn
     time_s = sensor.start_s + np.arange(n) * step_s
@@ -218,48 +219,6 @@ def simulate_turntable_accelerometer(
 def coriolis_amplitude_mps2(sensor: TurntableAccelerometerDescription, latitude_rad: float) -> float:
     """Amplitude ``2 Omega W cos(latitude) rho`` of the signal on a level table (Oguz 5.12), m/s^2."""
     return float(2.0 * sensor.table_rate_radps * EARTH_RATE_RADPS * np.cos(latitude_rad) * sensor.radius_m)
-
-
-def demodulate(sensor: TurntableAccelerometerDescription, log: SensorLog) -> tuple[np.ndarray, np.ndarray]:
-    """Heading of the body from each revolution by square-wave demodulation (Oguz 5.13 to 5.18).
-
-    Parameters
-    ----------
-    sensor : TurntableAccelerometerDescription
-        Gives samples in a revolution and the mark.
-    log : SensorLog
-        Whole revolutions.
-
-    Returns
-    -------
-    heading_rad : ndarray, shape (revolutions,)
-        Clockwise from true north in [0, 2 pi).
-    amplitude_mps2 : ndarray, shape (revolutions,)
-        Of the signal.
-
-    Notes
-    -----
-    ``A = integral of f sgn(cos)``, ``B = -integral of f sgn(sin)`` over a revolution; ``psi = atan2(B, A)``
-    is the counter-clockwise angle from north to the place of angle zero, so the heading is ``mark - psi``.
-    The mean of each revolution is taken off before, so that gravity does not leak through an odd number of
-    samples.
-    """
-    shape = (-1, sensor.samples_per_revolution)
-    signal = log.columns["acceleration_mps2"].reshape(shape)
-    angle = log.columns["table_angle_rad"].reshape(shape)
-    signal = signal - signal.mean(axis=1, keepdims=True)
-    # Taken half a step late, no sample falls on an edge of the square waves.
-    late = np.pi / sensor.samples_per_revolution
-    a = (signal * np.sign(np.cos(angle + late))).sum(axis=1)
-    b = -(signal * np.sign(np.sin(angle + late))).sum(axis=1)
-    psi = np.arctan2(b, a) + late
-    amplitude = np.hypot(a, b) * np.pi / (2.0 * sensor.samples_per_revolution)
-    return np.mod(np.radians(sensor.mark_deg) - psi, 2.0 * np.pi), amplitude
-
-
-def inclination_error_rad(inclination_rad: float, latitude_rad: float, axis_rad: float) -> float:
-    """Azimuth error of a tilted table, ``atan(tilt tan(latitude) cos(axis))`` (Oguz 5.20), radians."""
-    return float(np.arctan(inclination_rad * np.tan(latitude_rad) * np.cos(axis_rad)))
 
 
 def _north_rate(motion: Any) -> np.ndarray:
