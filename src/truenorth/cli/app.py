@@ -348,6 +348,35 @@ def _northfind(
     )
 
 
+@app.command("compare-north")
+@_guarded
+def _compare_north(
+    runs: Annotated[int | None, typer.Option(help="Draws of all errors; 50 by default.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Of the first draw; 2006 by default.")] = None,
+    latitude: Annotated[float | None, typer.Option(help="Degrees north; Ankara by default.")] = None,
+    heading: Annotated[float | None, typer.Option(help="Where the platform points; 11 by default.")] = None,
+    methods: Annotated[
+        str | None, typer.Option(metavar="NAME,NAME...", help="Only these techniques; all by default.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Table: .csv or .parquet.")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Figure: .png, .pdf or .svg.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """Compare ways to find north under one truth: GPS, rotating accelerometer, inertial units."""
+    from .compare_north import run_compare_north
+
+    run_compare_north(
+        runs=runs,
+        seed=seed,
+        latitude_deg=latitude,
+        heading_deg=heading,
+        methods=methods,
+        out=out,
+        figure=figure,
+        as_json=as_json,
+    )
+
+
 @app.command("rates")
 @_guarded
 def _rates(
