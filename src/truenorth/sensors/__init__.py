@@ -17,6 +17,7 @@ _PUBLIC = {
     "TiltDescription": "tilt",
     "TurntableAccelerometerDescription": "turntable_accelerometer",
     "allan_deviation": "imu",
+    "analyse_allan": "allan",
     "correct_gyro": "gyro",
     "correct_imu": "imu",
     "correct_tilt": "tilt",
