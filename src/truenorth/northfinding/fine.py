@@ -66,8 +66,12 @@ GRAVITY_SD_MPS2 = 3e-4
 """Gravity is known from the place to 30 mGal."""
 SMALLEST_SHAKING_M = 1e-5
 """No platform stands stiller than this."""
-_UNKNOWN_RAD = 0.5
-"""An estimate of the heading that is less certain is not given while the record grows."""
+STAYS_RAD = 2e-4
+"""A trajectory that moves by less at its end stays: the square of it is nothing against any force."""
+DRIFTS_RAD = 5e-3
+"""The same of the drift over the record by what was found of the gyro biases."""
+UNKNOWN_RAD = 0.5
+"""A heading that is less certain is none: the nominal one is kept, and the run gives none."""
 _DPH = np.pi / 180.0 / 3600.0
 _UG = 1e-6 * 9.80665
 
@@ -303,11 +307,18 @@ def _largest_turn(blocks: InertialIncrements) -> float:
     return float(np.arccos(np.clip(0.5 * (least - 1.0), -1.0, 1.0)))
 
 
-def _shaking(displacement_m: np.ndarray, action: np.ndarray) -> np.ndarray:
-    """Variance of the displacement about quartic curves over 20 intervals, where the platform stays."""
+def _shaking(displacement_m: np.ndarray, action: np.ndarray, force_var: float) -> np.ndarray:
+    """Variance of the displacement about quartic curves over 20 intervals, where the platform stays.
+
+    What the velocity random walk makes of it, a variance of the velocity by interval, is taken off.
+    """
     window = 20
     t = np.linspace(-1.0, 1.0, window)
     basis, _ = np.linalg.qr(np.vander(t, 5))
+    # Covariance of the integral of a random walk at two instants: s^2 (3 t - s) / 6, s the earlier one.
+    early, late = np.minimum(*np.indices((window, window))), np.maximum(*np.indices((window, window)))
+    walked = early**2 * (3.0 * late - early) / 6.0
+    of_noise = force_var * np.trace(walked - basis @ (basis.T @ walked)) / (window - 5)
     runs = np.split(np.arange(len(action)), np.flatnonzero(action != MEASURED))
     found = []
     for run in runs:
@@ -316,7 +327,8 @@ def _shaking(displacement_m: np.ndarray, action: np.ndarray) -> np.ndarray:
             found.append(np.sum((rows - basis @ (basis.T @ rows)) ** 2, axis=0) / (window - 5))
     if not found:
         return np.full(3, 1e-6)
-    return np.maximum(np.mean(found, axis=0), SMALLEST_SHAKING_M**2)
+    seen = np.mean(found, axis=0)
+    return np.maximum(np.maximum(seen - of_noise, 0.1 * seen), SMALLEST_SHAKING_M**2)
 
 
 def _iterate(
@@ -324,21 +336,24 @@ def _iterate(
 ) -> tuple[FilterPass, Nominal, int]:
     """Filter along the trajectory that the filter finds, until it stays."""
     if displacement_sd_m is None:
-        shaking = _shaking(nominal.displacement_m, action)
+        force_var = model.process_cov[0][3, 3] * model.interval_s**2
+        shaking = _shaking(nominal.displacement_m, action, force_var)
     else:
         shaking = np.full(3, max(displacement_sd_m, SMALLEST_SHAKING_M) ** 2)
     gyro, accel = model.slices["gyro bias"], model.slices["accelerometer bias"]
     last = len(action) - 1
     for passes in range(1, MOST_PASSES + 1):
         forward = filter_errors(model, nominal, action, shaking)
-        state = forward.state[-1]
+        state = _states_of_known_heading(forward)[-1]
         nis = forward.nis[np.isfinite(forward.nis)]
         excess = float(np.mean(nis)) / 3.0
         inflate = displacement_sd_m is None and excess > 1.0 + 5.0 * np.sqrt(2.0 / (3.0 * len(nis)))
-        small = max(2e-4, 0.05 * float(np.sqrt(np.max(forward.var[-1, :3]))))
-        if (float(np.max(np.abs(state[:3]))) < small and not inflate) or passes == MOST_PASSES:
+        small = np.maximum(STAYS_RAD, 0.1 * np.sqrt(forward.var[-1, :3]))
+        drifts = float(np.max(np.abs(state[gyro]))) * model.duration_s
+        stays = bool(np.all(np.abs(state[:3]) < small)) and drifts < DRIFTS_RAD
+        if (stays and not inflate) or passes == MOST_PASSES:
             break
-        if inflate:
+        if stays:
             # Slower than the curves, or larger at times: what is unexplained is laid to the shaking.
             shaking = shaking * min(excess, 100.0)
         nominal = model.nominal(
@@ -348,6 +363,16 @@ def _iterate(
             nominal.accel_bias_mps2 + state[accel],
         )
     return forward, nominal, passes
+
+
+def _states_of_known_heading(forward: FilterPass) -> np.ndarray:
+    """Estimated errors at the edges, given the nominal heading where the record hardly tells another one.
+
+    A heading error of radians would be no small rotation, and would spoil the tilts that are known.
+    """
+    heading_var = forward.attitude_cov[:, 2, 2]
+    pinned = np.where(heading_var > UNKNOWN_RAD**2, forward.state[:, 2] / heading_var, 0.0)
+    return forward.state - forward.attitude_cov[:, 2] * pinned[:, None]
 
 
 def _solution(
@@ -362,12 +387,13 @@ def _solution(
 ) -> FineAlignment:
     """What is returned."""
     time_s, site = model.blocks.time_s, model.site
-    rots = exp_so3(-forward.state[:, :3]) @ nominal.rot_ned_from_body
+    states = _states_of_known_heading(forward)
+    rots = exp_so3(-states[:, :3]) @ nominal.rot_ned_from_body
     covs = forward.attitude_cov[:, :, :3]
     by_deflection = deflection_sensitivity(site)
     deflection = deflection_sd_rad**2 * by_deflection @ by_deflection.T
-    gyro = forward.state @ model.gyro_sum.T + nominal.gyro_bias_radps
-    accel = forward.state @ model.accel_sum.T + nominal.accel_bias_mps2
+    gyro = states @ model.gyro_sum.T + nominal.gyro_bias_radps
+    accel = states @ model.accel_sum.T + nominal.accel_bias_mps2
     gyro_sd, accel_sd = (
         np.sqrt(np.diag(rows @ forward.cov @ rows.T)) for rows in (model.gyro_sum, model.accel_sum)
     )
@@ -416,7 +442,7 @@ def _run(time_s: np.ndarray, rots: np.ndarray, covs: np.ndarray) -> NorthRun:
     """The estimate as it grew; nothing while the heading is hardly known."""
     angles = np.stack(heading_pitch_roll(rots), axis=1)
     sd = np.sqrt(np.diagonal(angle_covariance(rots, covs), axis1=1, axis2=2))
-    angles[sd[:, 0] > _UNKNOWN_RAD] = np.nan
+    angles[sd[:, 0] > UNKNOWN_RAD] = np.nan
     sd[:, 0] = heading_sd_on_circle(sd[:, 0])
     return NorthRun(time_s, angles, sd)
 
@@ -444,7 +470,6 @@ def _notes(model: ErrorModel, forward: FilterPass, passes: int) -> tuple[str, ..
         notes.append("The filter's own trajectory had not come to rest; the heading is hardly observable.")
     moved = int(np.count_nonzero(forward.action == NOTHING))
     if moved:
-        notes.append(
-            f"The platform moved at {moved} of {len(forward.action)} instants; the strapdown ran freely there."
-        )
+        share = f"{moved} of {len(forward.action)} instants"
+        notes.append(f"The platform moved at {share}; the strapdown ran freely there.")
     return tuple(notes)

@@ -24,8 +24,8 @@ shaking, which is not known to be what is felt, would seem to tell the heading.
 
 The error of each axis is a constant (turn-on bias and all that acts like one at a fixed attitude),
 Gauss-Markov processes in the ratio of 10 for the bias instability (those shorter than the intervals are
-white, those much longer than the record constant), and a random walk. Where the body turns, the scale errors and misalignments
-are states of their own.
+white, those much longer than the record constant), and a random walk. Where the body turns, the scale errors
+and misalignments are states of their own.
 
 References
 ----------
