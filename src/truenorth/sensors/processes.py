@@ -164,6 +164,8 @@ def flicker(
     """
     sd, time_constants = flicker_components(floor, **limits)
     total = np.zeros(shape)
+    if floor == 0.0:
+        return total
     for time_constant_s in time_constants:
         total += gauss_markov(rng, shape, step_s, sd, time_constant_s)
     return total
