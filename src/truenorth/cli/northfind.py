@@ -69,6 +69,7 @@ def run_northfind(
         Exit code: 1 where the stated errors do not allow what was asked for.
     """
     import json
+    import time
 
     import numpy as np
 
@@ -97,14 +98,16 @@ def run_northfind(
     options = {}
     if table_angles_deg is not None:
         options["table_angle_rad"] = np.radians(parse_angles(table_angles_deg))
+    started = time.perf_counter()
     solution = find_north(
-        table.increments,
+        table,
         _site(table, position, *place),
         method=method or DEFAULT_METHOD,
         errors=stated,
         required_heading_sd_rad=float(np.radians(required_deg)),
         **options,
     )
+    seconds = time.perf_counter() - started
     written = []
     if out is not None:
         written.append(write_table(north_columns(solution), out))
@@ -113,7 +116,7 @@ def run_northfind(
 
         written.append(save_figure(north_figure(solution, title=Path(log).name), figure))
     if as_json:
-        told = {"log": str(log), **north_dict(solution), "files": [str(path) for path in written]}
+        told = {"log": str(log), **north_dict(solution), "seconds": seconds, "files": [str(path) for path in written]}
         print(json.dumps(told, indent=2, allow_nan=False))
     else:
         rate_hz = 1.0 / table.interval_s
@@ -121,6 +124,7 @@ def run_northfind(
         for note in table.notes:
             print(f"            {note}")
         print(north_text(solution))
+        print(f"time        {seconds:.2f} s")
         for path in written:
             print(f"written     {path}")
     verdict = solution.verdict

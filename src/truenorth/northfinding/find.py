@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ConfigError
+from ..formats.imu_table import ImuTable
 from ..sensors.imu import ImuDescription
 from ..strapdown import InertialIncrements
 from .site import Site
@@ -83,7 +84,7 @@ METHODS: dict[str, tuple[Callable[..., NorthSolution], str]] = {
 
 
 def find_north(
-    increments: InertialIncrements,
+    record: ImuTable | InertialIncrements,
     site: Site,
     *,
     method: str = DEFAULT_METHOD,
@@ -96,8 +97,8 @@ def find_north(
 
     Parameters
     ----------
-    increments : InertialIncrements
-        Of the unit, in body axes (forward, right, down).
+    record : ImuTable or InertialIncrements
+        A log as `truenorth.read_imu_table` reads it, or increments in body axes (forward, right, down).
     site : Site
         Where it stands.
     method : str
@@ -136,14 +137,16 @@ def find_north(
             key="errors",
         )
     moving = method in ("positions", "carousel", "fine", "strapdown")
-    felt = check_record(increments, site, errors=errors, may_turn=moving)
+    table = record if isinstance(record, ImuTable) else None
+    increments = record.increments if isinstance(record, ImuTable) else record
+    felt = check_record(increments, site, errors=errors, may_turn=moving, table=table)
     solution = METHODS[method][0](increments, site, errors=errors, running=running, **options)
     if solution.budget is None or errors is None:
         verdict = _unstated(solution, required_heading_sd_rad)
     else:
         verdict = judge(solution.budget, site, solution.duration_s, required_heading_sd_rad)
     measured = {**felt.figures(), **solution.measured}
-    return dataclasses.replace(solution, verdict=verdict, measured=measured)
+    return dataclasses.replace(solution, method=method, verdict=verdict, measured=measured)
 
 
 def _unstated(solution: NorthSolution, required_rad: float) -> Verdict:
