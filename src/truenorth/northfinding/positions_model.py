@@ -1,0 +1,808 @@
+r"""Least squares of a unit on a table: observations, their covariance from all stated errors, the estimate.
+
+The record is cut into blocks of about a second. With the attitude :math:`C_k` integrated from the gyros in a
+frame that was north, east, down at the start, and :math:`E_k` the turn of the Earth since, the error of the
+integrated attitude at the k-th edge is
+
+.. math:: \varphi_k = \varphi_0 + \sum_{j<k} \bar C_j\,e_j,
+
+:math:`e_j` the error of the gyros over block j in body axes and :math:`\bar C_j` the mean attitude in it.
+What ought to be zero and is observed:
+
+* *force*: the horizontal part of the mean specific force around edge k, from second differences of the
+  doubly integrated force, so that the velocity of a swaying platform averages out:
+  :math:`E_k^T(\varphi_k\times f)` and the errors of the accelerometers;
+* *rest*, of a platform that stands still: the turn against the Earth over a block in a halt,
+  :math:`E_{k+1}^T\varphi_{k+1} - E_k^T\varphi_k`;
+* *table*, where an encoder gives its angles: the turn about the axis, less what the encoder says.
+
+Everything that is stated of the sensors enters through the covariance of the observations, so the estimate is
+the best linear one (Gauss and Markov), the errors of the gyros follow as conditional means, and the
+covariance of the attitude is an exact sum over the sources: the error budget. The whitened observations are
+in order of time: sums over the first of them give the estimate after every block.
+
+References
+----------
+Koch, K.-R., Parameter Estimation and Hypothesis Testing in Linear Models, 2nd ed. (1999), sec. 3.2 and 3.4.
+Groves, P. D., Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed. (2013),
+sec. 4.4 and 5.6.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..gravity import EARTH_RATE_RADPS
+from ..rotations import exp_so3, log_so3, skew
+from ..sensors.imu import STANDARD_GRAVITY_MPS2, ImuDescription
+from ..sensors.processes import flicker_components
+from .site import Site
+from .solution import BudgetLine
+
+__all__ = ["Estimate", "Geometry", "Model", "Noise", "Source", "TableRecord", "estimate", "model_of"]
+
+_DPH = np.pi / 180.0 / 3600.0
+_UG = 1e-6 * STANDARD_GRAVITY_MPS2
+
+ANGLE_RANDOM_WALK = "angle random walk"
+QUANTISATION = "gyro quantisation"
+DRIFT = ("gyro bias", "gyro bias instability", "rate random walk", "gyro g-sensitivity")
+"""What is reported as the bias of the gyros."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Source:
+    """One source of error: what it does per block to the gyros and accelerometers, in body axes.
+
+    Parameters
+    ----------
+    name, stated : str
+        For the budget.
+    gyro_kernel, accel_kernel : ndarray, shape (n, n), or None
+        Covariance over the blocks of a process that each axis has by itself, rad^2 or (m/s)^2.
+    gyro, accel : ndarray, shape (n, 3, q), or None
+        Effect of q constants of unit variance.
+    rows : ndarray, shape (m, q), or None
+        Effect of q constants on the observations themselves.
+    """
+
+    name: str
+    stated: str
+    gyro_kernel: np.ndarray | None = None
+    accel_kernel: np.ndarray | None = None
+    gyro: np.ndarray | None = None
+    accel: np.ndarray | None = None
+    rows: np.ndarray | None = None
+
+    @property
+    def is_there(self) -> bool:
+        """bool: Whether it does anything."""
+        effects = (self.gyro_kernel, self.accel_kernel, self.gyro, self.accel, self.rows)
+        return any(effect is not None and bool(np.any(effect)) for effect in effects)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TableRecord:
+    """Blocks of a record on a table, and which of them are looked at.
+
+    Parameters
+    ----------
+    step_s : float
+        Length of a block.
+    edge_s : ndarray, shape (n + 1,)
+        Edges since the start.
+    turn_rad, velocity_mps, position_m : ndarray, shape (n, 3)
+        Increments of each block, in its first axes.
+    halt : ndarray of int, shape (n,)
+        Number of the halt that a block belongs to, -1 while it turns.
+    force_edges : ndarray of int
+        Edges around which the force is looked at.
+    rest_blocks : ndarray of int
+        Blocks that do not turn against the Earth.
+    table_edges : ndarray of int
+        Edges at which the table's angle is known, the first of them the reference.
+    table_rad : ndarray
+        Those angles.
+    axis_body : ndarray, shape (3,)
+        The table turns clockwise about it.
+    """
+
+    step_s: float
+    edge_s: np.ndarray
+    turn_rad: np.ndarray
+    velocity_mps: np.ndarray
+    position_m: np.ndarray
+    halt: np.ndarray
+    force_edges: np.ndarray
+    rest_blocks: np.ndarray
+    table_edges: np.ndarray
+    table_rad: np.ndarray
+    axis_body: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """What is known of the platform and the table, not of the unit.
+
+    Parameters
+    ----------
+    sway_mps : float
+        Velocity of a swaying platform, mean over a block, one sigma.
+    encoder_sd_rad : float
+        Noise of the angles of the table.
+    lever_arm_sd_m : float
+        How far from the axis the unit may stand.
+    """
+
+    sway_mps: float = 0.0
+    encoder_sd_rad: float = 0.0
+    lever_arm_sd_m: float = 0.0
+
+
+class Geometry:
+    """Attitudes of all edges for an attitude at the start, and the linear responses about them."""
+
+    def __init__(
+        self,
+        table: TableRecord,
+        start: np.ndarray,
+        earth_radps: np.ndarray,
+        gravity: float,
+        gyro_rad: np.ndarray,
+    ) -> None:
+        turn = table.turn_rad - gyro_rad
+        n = len(turn)
+        steps = exp_so3(turn)
+        rot = np.empty((n + 1, 3, 3))
+        rot[0] = start
+        for k in range(n):
+            rot[k + 1] = rot[k] @ steps[k]
+        self.table, self.gravity = table, gravity
+        self.rot = rot
+        self.mean_rot = rot[:-1] @ _mean_turn(turn)
+        self.earth = exp_so3(table.edge_s[:, None] * earth_radps)
+        self.axis = rot[0] @ table.axis_body
+        blocks, edges = table.rest_blocks, table.force_edges
+        # The instant at which a row is known, and rows in that order.
+        known = np.concatenate([np.repeat(edges + 1, 2), np.repeat(blocks + 1, 3), table.table_edges[1:]])
+        self.order = np.argsort(known, kind="stable")
+        self.known = known[self.order]
+
+    def residuals(self) -> np.ndarray:
+        """What ought to be zero, shape (m,)."""
+        table, earth, rot = self.table, self.earth, self.rot
+        back = np.swapaxes(earth, -1, -2)
+        velocity = np.einsum("nij,nj->ni", rot[:-1], table.velocity_mps)
+        position = np.einsum("nij,nj->ni", rot[:-1], table.position_m)
+        k = table.force_edges
+        force = velocity[k - 1] + (position[k] - position[k - 1]) / table.step_s
+        force = np.einsum("nij,nj->ni", back[k], force)[:, :2]
+        still = back @ rot
+        j = table.rest_blocks
+        rest = log_so3(still[j + 1] @ np.swapaxes(still[j], -1, -2))
+        return self._stack(force, rest, self._table_residuals(still))
+
+    def _table_residuals(self, still: np.ndarray) -> np.ndarray:
+        """Turn about the axis since the first known angle less what the table says."""
+        edges, table = self.table.table_edges, self.table
+        if len(edges) < 2:
+            return np.empty(0)
+        turned = exp_so3((table.table_rad[1:] - table.table_rad[0])[:, None] * table.axis_body)
+        expected = still[edges[0]] @ turned
+        return np.asarray(log_so3(still[edges[1:]] @ np.swapaxes(expected, -1, -2)) @ self.axis)
+
+    def respond(self, gyro: np.ndarray | None, accel: np.ndarray | None) -> np.ndarray:
+        """Observations for errors per block, in the starting frame.
+
+        Parameters
+        ----------
+        gyro, accel : ndarray, shape (n, 3, q), or None
+            Angles and velocities.
+
+        Returns
+        -------
+        ndarray, shape (m, q)
+        """
+        columns = (gyro if gyro is not None else accel).shape[-1]  # type: ignore[union-attr]
+        n = len(self.mean_rot)
+        angle = np.zeros((n + 1, 3, columns))
+        if gyro is not None:
+            np.cumsum(gyro, axis=0, out=angle[1:])
+        return self.observe(angle, accel)
+
+    def observe(self, angle: np.ndarray, accel: np.ndarray | None) -> np.ndarray:
+        """Observations for the attitude error at the edges, shape (n + 1, 3, q), in the starting frame."""
+        table, back = self.table, np.swapaxes(self.earth, -1, -2)
+        k, j = table.force_edges, table.rest_blocks
+        here = np.einsum("nij,njq->niq", back, angle)
+        mean = (here[k - 1] + 4.0 * here[k] + here[k + 1]) / 6.0
+        pull = self.gravity * table.step_s
+        force = np.stack([-pull * mean[:, 1], pull * mean[:, 0]], axis=1)
+        if accel is not None:
+            force = force + np.einsum("nij,njq->niq", back[k], 0.5 * (accel[k - 1] + accel[k]))[:, :2]
+        rest = here[j + 1] - here[j]
+        edges = table.table_edges
+        turned = np.einsum("i,niq->nq", self.axis, here[edges[1:]] - here[edges[:1]])
+        return self._stack(force, rest, turned)
+
+    def start_columns(self) -> np.ndarray:
+        """Response to a small turn of the attitude at the start, shape (m, 3)."""
+        return self.observe(np.broadcast_to(np.eye(3), (len(self.rot), 3, 3)), None)
+
+    def lever_columns(self) -> np.ndarray:
+        """Response of the observations to a lever arm in body axes, shape (m, 3)."""
+        table, k = self.table, self.table.force_edges
+        swung = (self.rot[k + 1] - 2.0 * self.rot[k] + self.rot[k - 1]) / table.step_s
+        force = (np.swapaxes(self.earth[k], -1, -2) @ swung)[:, :2]
+        rest, turned = (
+            np.zeros((len(table.rest_blocks), 3, 3)),
+            np.zeros((max(len(table.table_edges) - 1, 0), 3)),
+        )
+        return self._stack(force, rest, turned)
+
+    def white_rows(
+        self, velocity_density: float, sway_mps: float, sway_rad: float, table_rad: float
+    ) -> np.ndarray:
+        """Covariance of what is white in velocity or angle, shape (m, m)."""
+        table, t = self.table, self.table.step_s
+        k, j = table.force_edges, table.rest_blocks
+        near = np.abs(k[:, None] - k[None, :])
+        force = velocity_density**2 * t * np.select([near == 0, near == 1], [2.0 / 3.0, 1.0 / 6.0], 0.0)
+        force += sway_mps**2 * np.select([near == 0, near == 1], [2.0, -1.0], 0.0)
+        close = np.abs(j[:, None] - j[None, :])
+        rest = sway_rad**2 * np.select([close == 0, close == 1], [2.0, -1.0], 0.0)
+        n_table = max(len(table.table_edges) - 1, 0)
+        turned = table_rad**2 * (np.eye(n_table) + 1.0)
+        parts = [np.kron(force, np.eye(2)), np.kron(rest, np.eye(3)), turned]
+        size = sum(len(part) for part in parts)
+        total, at = np.zeros((size, size)), 0
+        for part in parts:
+            total[at : at + len(part), at : at + len(part)] = part
+            at += len(part)
+        return np.asarray(total[np.ix_(self.order, self.order)])
+
+    def _stack(self, force: np.ndarray, rest: np.ndarray, turned: np.ndarray) -> np.ndarray:
+        """Rows in order of time."""
+        tail = force.shape[2:]
+        rows = [part.reshape(-1, *tail) for part in (force, rest, turned)]
+        return np.concatenate(rows)[self.order]
+
+
+def _mean_turn(turn: np.ndarray) -> np.ndarray:
+    """Mean of the rotation over a steady turn, shape (n, 3, 3)."""
+    angle = np.linalg.norm(turn, axis=-1)[:, None, None]
+    cross = skew(turn)
+    small = angle < 1e-3
+    safe = np.where(small, 1.0, angle)
+    first = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
+    second = np.where(small, 1.0 / 6.0, (safe - np.sin(safe)) / safe**3)
+    return np.asarray(np.eye(3) + first * cross + second * (cross @ cross))
+
+
+def _flicker_kernel(edge_s: np.ndarray) -> np.ndarray:
+    """Covariance of the means over blocks of flicker noise whose Allan deviation is one, shape (n, n)."""
+    step = float(edge_s[1] - edge_s[0])
+    lag = np.abs(np.arange(len(edge_s) - 1)[:, None] - np.arange(len(edge_s) - 1)[None, :])
+    sd, constants = flicker_components(1.0)
+    total = np.zeros(lag.shape)
+    for constant in constants:
+        x = step / constant
+        # 1 - (1 - exp(-x)) / x cancels below 1e-3, where its series has long converged.
+        same = 2.0 / x * (1.0 + np.expm1(-x) / x) if x > 1e-3 else 1.0 - x / 3.0
+        total += sd**2 * np.where(lag == 0, same, (np.expm1(-x) / x) ** 2 * np.exp(-(lag - 1.0) * x))
+    return total
+
+
+def _walk_kernel(edge_s: np.ndarray) -> np.ndarray:
+    """Covariance at the middles of blocks of a walk that starts with the record, shape (n, n)."""
+    middle = 0.5 * (edge_s[1:] + edge_s[:-1]) - edge_s[0]
+    return np.asarray(np.minimum(middle[:, None], middle[None, :]))
+
+
+def _sources(table: TableRecord, errors: ImuDescription, turn_rad: np.ndarray) -> list[Source]:
+    """What is stated of the sensors, per block; noise of the accelerometers stands with the rows."""
+    t, n = table.step_s, len(table.velocity_mps)
+    unit = np.broadcast_to(np.eye(3), (n, 3, 3))
+    # Nine columns e_i x_j: the diagonal ones are scales, the others misalignments.
+    pairs = [(i, j) for i in range(3) for j in range(3)]
+
+    def products(values: np.ndarray, wanted: list[tuple[int, int]], sd: float) -> np.ndarray:
+        columns = np.zeros((n, 3, len(wanted)))
+        for q, (i, j) in enumerate(wanted):
+            columns[:, i, q] = sd * values[:, j]
+        return columns
+
+    scale = [(i, j) for i, j in pairs if i == j]
+    cross = [(i, j) for i, j in pairs if i != j]
+    # Steps of a rate are lost one by one; those of increments are carried and never add up.
+    rounding = np.radians(errors.gyro_resolution_dps) if errors.output == "rates" else 0.0
+    density = np.radians(errors.gyro_random_walk_deg_per_sqrt_h) / 60.0
+    instability = _flicker_kernel(table.edge_s)
+    walk = _walk_kernel(table.edge_s) / 3600.0
+    by_force = _DPH / STANDARD_GRAVITY_MPS2 * errors.gyro_g_sensitivity_dph_per_g
+    velocity = table.velocity_mps
+    stated = [
+        Source(
+            "gyro bias", f"{errors.gyro_bias_sd_dph:g} deg/h", gyro=_DPH * errors.gyro_bias_sd_dph * t * unit
+        ),
+        Source(
+            "gyro bias instability",
+            f"{errors.gyro_bias_instability_dph:g} deg/h",
+            gyro_kernel=(_DPH * errors.gyro_bias_instability_dph * t) ** 2 * instability,
+        ),
+        Source(
+            ANGLE_RANDOM_WALK,
+            f"{errors.gyro_random_walk_deg_per_sqrt_h:g} deg/sqrt(h)",
+            gyro_kernel=density**2 * t * np.eye(n),
+        ),
+        Source(
+            "rate random walk",
+            f"{errors.gyro_bias_walk_dph_per_sqrt_h:g} deg/h/sqrt(h)",
+            gyro_kernel=(_DPH * errors.gyro_bias_walk_dph_per_sqrt_h * t) ** 2 * walk,
+        ),
+        Source(
+            QUANTISATION,
+            f"{errors.gyro_resolution_dps:g} deg/s",
+            gyro_kernel=rounding**2 / (12.0 * errors.rate_hz) * t * np.eye(n),
+        ),
+        Source(
+            "gyro scale",
+            f"{errors.gyro_scale_sd_ppm:g} ppm",
+            gyro=products(turn_rad, scale, 1e-6 * errors.gyro_scale_sd_ppm),
+        ),
+        Source(
+            "gyro misalignment",
+            f"{errors.gyro_misalignment_sd_mrad:g} mrad",
+            gyro=products(turn_rad, cross, 1e-3 * errors.gyro_misalignment_sd_mrad),
+        ),
+        Source(
+            "gyro g-sensitivity",
+            f"{errors.gyro_g_sensitivity_dph_per_g:g} deg/h/g",
+            gyro=products(velocity, pairs, by_force),
+        ),
+        Source(
+            "accelerometer bias",
+            f"{errors.accel_bias_sd_ug:g} ug",
+            accel=_UG * errors.accel_bias_sd_ug * t * unit,
+        ),
+        Source(
+            "accelerometer bias instability",
+            f"{errors.accel_bias_instability_ug:g} ug",
+            accel_kernel=(_UG * errors.accel_bias_instability_ug * t) ** 2 * instability,
+        ),
+        Source(
+            "accelerometer bias walk",
+            f"{errors.accel_bias_walk_ug_per_sqrt_h:g} ug/sqrt(h)",
+            accel_kernel=(_UG * errors.accel_bias_walk_ug_per_sqrt_h * t) ** 2 * walk,
+        ),
+        Source(
+            "accelerometer scale",
+            f"{errors.accel_scale_sd_ppm:g} ppm",
+            accel=products(velocity, scale, 1e-6 * errors.accel_scale_sd_ppm),
+        ),
+        Source(
+            "accelerometer misalignment",
+            f"{errors.accel_misalignment_sd_mrad:g} mrad",
+            accel=products(velocity, cross, 1e-3 * errors.accel_misalignment_sd_mrad),
+        ),
+    ]
+    return [source for source in stated if source.is_there]
+
+
+class Model:
+    """Covariance of the observations, and what follows from it: gains, covariances, budget.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        Attitudes about which all is linear.
+    sources : list of Source
+        What is stated of the sensors and the place.
+    white : list of (str, str, ndarray of shape (m, m))
+        Noise of the observations themselves: name, size, covariance.
+    """
+
+    def __init__(
+        self, geometry: Geometry, sources: list[Source], white: list[tuple[str, str, np.ndarray]]
+    ) -> None:
+        self.geometry, self.sources, self.white = geometry, sources, white
+        n = len(geometry.mean_rot)
+        wide = np.zeros((n, 3, 3 * n))
+        for i in range(3):
+            wide[np.arange(n), :, 3 * np.arange(n) + i] = geometry.mean_rot[:, :, i]
+        self.by_gyro = geometry.respond(wide, None).reshape(-1, n, 3)
+        self.by_accel = geometry.respond(None, wide).reshape(-1, n, 3)
+        m = len(self.by_gyro)
+        covariance = sum((part for _, _, part in white), np.zeros((m, m)))
+        with_gyro, with_accel = np.zeros((m, n, 3)), np.zeros((m, n, 3))
+        for source in sources:
+            with_gyro += self.with_gyro(source)
+            if source.accel_kernel is not None:
+                with_accel += np.einsum("mni,nk->mki", self.by_accel, source.accel_kernel, optimize=True)
+            if source.accel is not None:
+                with_accel += np.tensordot(
+                    np.tensordot(self.by_accel, source.accel, 2), source.accel, axes=(1, 2)
+                )
+            if source.rows is not None:
+                covariance += source.rows @ source.rows.T
+        flat = (m, 3 * n)
+        covariance += with_gyro.reshape(flat) @ self.by_gyro.reshape(flat).T
+        covariance += with_accel.reshape(flat) @ self.by_accel.reshape(flat).T
+        self._lower = np.linalg.cholesky(0.5 * (covariance + covariance.T))
+        self.start = self.whiten(geometry.start_columns())
+        self.turn = np.swapaxes(geometry.mean_rot, 0, 1)
+        """What the errors of the gyros add to the attitude error at the end, shape (3, n, 3)."""
+        self.all_gyro = with_gyro
+
+    @cached_property
+    def _normal(self) -> np.ndarray:
+        """Covariance of the attitude at the start by the observations alone."""
+        return np.asarray(np.linalg.inv(self.start.T @ self.start))
+
+    @cached_property
+    def gain(self) -> np.ndarray:
+        """ndarray, shape (3, m): Attitude error at the end, in the starting frame, per observation."""
+        # The start's least-squares value, and what the gyros are then expected to have added.
+        added = self.whiten(np.tensordot(self.all_gyro, self.turn, axes=([1, 2], [1, 2])))
+        lean = np.eye(3) - added.T @ self.start
+        return self._unwhiten((lean @ self._normal @ self.start.T + added.T).T).T
+
+    def with_gyro(self, source: Source) -> np.ndarray:
+        """Covariance of the observations with the errors of the gyros by one source, shape (m, n, 3)."""
+        total = np.zeros_like(self.by_gyro)
+        if source.gyro_kernel is not None:
+            total += np.einsum("mni,nk->mki", self.by_gyro, source.gyro_kernel, optimize=True)
+        if source.gyro is not None:
+            total += np.tensordot(np.tensordot(self.by_gyro, source.gyro, 2), source.gyro, axes=(1, 2))
+        return total
+
+    def gyro_prior(self, function: np.ndarray, names: tuple[str, ...] | None = None) -> np.ndarray:
+        """Covariance, before any observation, of linear functions of the errors of the gyros.
+
+        Parameters
+        ----------
+        function : ndarray, shape (k, n, 3)
+            Weights of the errors.
+        names : tuple of str, optional
+            Sources that count; all unless said.
+        """
+        total = np.zeros((len(function), len(function)))
+        for source in self.sources:
+            if names is not None and source.name not in names:
+                continue
+            if source.gyro_kernel is not None:
+                total += np.einsum("ani,nk,bki->ab", function, source.gyro_kernel, function, optimize=True)
+            if source.gyro is not None:
+                effect = np.tensordot(function, source.gyro, 2)
+                total += effect @ effect.T
+        return total
+
+    def whiten(self, columns: np.ndarray) -> np.ndarray:
+        """Observations of unit variance without correlation."""
+        from scipy.linalg import solve_triangular
+
+        return np.asarray(solve_triangular(self._lower, columns, lower=True, check_finite=False))
+
+    def _unwhiten(self, columns: np.ndarray) -> np.ndarray:
+        """The transpose of what `whiten` does."""
+        from scipy.linalg import solve_triangular
+
+        return np.asarray(solve_triangular(self._lower, columns, lower=True, trans="T", check_finite=False))
+
+    def fit(self, observed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Small turn of the start, and what it leaves, whitened."""
+        white = self.whiten(observed)
+        turn = self._normal @ (self.start.T @ white)
+        return turn, white - self.start @ turn
+
+    def expected(self, left: np.ndarray, cross: np.ndarray) -> np.ndarray:
+        """Mean of anything, given its covariance with the observations and what the fit leaves of them."""
+        return np.asarray(np.tensordot(self._unwhiten(left), cross, 1))
+
+    def known(self, cross: np.ndarray, prior: np.ndarray) -> np.ndarray:
+        """Covariance of anything that is left after the observations.
+
+        Parameters
+        ----------
+        cross : ndarray, shape (m, k)
+            Its covariance with them.
+        prior : ndarray, shape (k, k)
+            Its covariance before.
+        """
+        white = self.whiten(cross)
+        lean = white.T @ self.start
+        return np.asarray(prior - white.T @ white + lean @ self._normal @ lean.T)
+
+    def lines(self) -> list[BudgetLine]:
+        """What each source does to the attitude at the end, in north, east, down there."""
+        back = self.geometry.earth[-1].T
+        by_gyro = np.tensordot(self.gain, self.by_gyro, 1) - self.turn
+        by_accel = np.tensordot(self.gain, self.by_accel, 1)
+        lines = []
+        for source in self.sources:
+            cov = np.zeros((3, 3))
+            for by, kernel in ((by_gyro, source.gyro_kernel), (by_accel, source.accel_kernel)):
+                if kernel is not None:
+                    cov += np.einsum("ani,nk,bki->ab", by, kernel, by, optimize=True)
+            for by, columns in ((by_gyro, source.gyro), (by_accel, source.accel)):
+                if columns is not None:
+                    effect = np.tensordot(by, columns, 2)
+                    cov += effect @ effect.T
+            if source.rows is not None:
+                effect = self.gain @ source.rows
+                cov += effect @ effect.T
+            lines.append(BudgetLine(source.name, source.stated, back @ cov @ back.T))
+        for name, stated, part in self.white:
+            lines.append(BudgetLine(name, stated, back @ self.gain @ part @ self.gain.T @ back.T))
+        return lines
+
+    def running(self, observed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Attitude error at each edge from the observations known there, and its covariance.
+
+        Parameters
+        ----------
+        observed : ndarray, shape (m,)
+            What ought to be zero.
+
+        Returns
+        -------
+        error : ndarray, shape (n + 1, 3)
+            In the starting frame; NaN while there are no more observations than unknowns.
+        cov : ndarray, shape (n + 1, 3, 3)
+        """
+        n = self.by_gyro.shape[1]
+        m = len(observed)
+        rot = self.geometry.mean_rot
+        turned = np.einsum("mnj,nij->mni", self.all_gyro, rot, optimize=True)
+        added = self.whiten(np.cumsum(turned, axis=1).reshape(m, 3 * n)).reshape(m, n, 3)
+        white = self.whiten(observed)
+        prior = np.zeros((n, 3, n, 3))
+        for source in self.sources:
+            if source.gyro_kernel is not None:
+                # An isotropic process: the attitudes alone turn one block's error into another's axes.
+                prior += np.einsum("nik,mjk,nm->nimj", rot, rot, source.gyro_kernel, optimize=True)
+            if source.gyro is not None:
+                effect = (rot @ source.gyro).reshape(3 * n, -1)
+                prior += (effect @ effect.T).reshape(n, 3, n, 3)
+        prior = np.cumsum(np.cumsum(prior, axis=0), axis=2)
+        error, cov = np.full((n + 1, 3), np.nan), np.full((n + 1, 3, 3), np.nan)
+        counts = np.searchsorted(self.geometry.known, np.arange(n + 1), side="right")
+        for k in range(1, n + 1):
+            count = counts[k]
+            if count < 6:
+                continue
+            h, c, z = self.start[:count], added[:count, k - 1], white[:count]
+            information = h.T @ h
+            if np.linalg.cond(information) > 1e12:
+                continue
+            normal = np.linalg.inv(information)
+            start = normal @ (h.T @ z)
+            lean = np.eye(3) - c.T @ h
+            error[k] = start + c.T @ (z - h @ start)
+            cov[k] = prior[k - 1, :, k - 1] - c.T @ c + lean @ normal @ lean.T
+        return error, cov
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """Attitude at the end, and what is known besides.
+
+    Parameters
+    ----------
+    rot_ned_from_body : ndarray, shape (3, 3)
+        At the end of the record.
+    model : Model
+        At the estimate.
+    observed : ndarray, shape (m,)
+        What ought to be zero there.
+    left : ndarray, shape (m,)
+        What the fit leaves of it, whitened.
+    gyro_rad : ndarray, shape (n, 3)
+        Errors of the gyros that were taken out, per block.
+    """
+
+    rot_ned_from_body: np.ndarray
+    model: Model
+    observed: np.ndarray
+    left: np.ndarray
+    gyro_rad: np.ndarray
+
+    @property
+    def residual_ratio(self) -> float:
+        """float: Root mean square of the whitened residuals; one where all is as stated."""
+        return float(np.sqrt(self.left @ self.left / max(len(self.left) - 3, 1)))
+
+    def gyro_bias(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean bias of the gyros over the record, and its standard deviation, rad/s, shape (3,)."""
+        model, table = self.model, self.model.geometry.table
+        n = len(table.turn_rad)
+        function = np.broadcast_to(np.eye(3)[:, None, :], (3, n, 3)) / (n * table.step_s)
+        cross = np.zeros_like(model.by_gyro)
+        for source in model.sources:
+            if source.name in DRIFT:
+                cross += model.with_gyro(source)
+        cross = cross.sum(axis=1) / (n * table.step_s)
+        cov = model.known(cross, model.gyro_prior(function, DRIFT))
+        return model.expected(self.left, cross), np.sqrt(np.maximum(np.diag(cov), 0.0))
+
+    def accel_bias(self) -> tuple[np.ndarray, np.ndarray]:
+        """Turn-on bias of the accelerometers and its standard deviation, m/s^2, shape (3,)."""
+        model, t = self.model, self.model.geometry.table.step_s
+        for source in model.sources:
+            if source.name == "accelerometer bias" and source.accel is not None:
+                columns = source.accel / t
+                sd = columns[0].diagonal()
+                cross = np.tensordot(model.by_accel, source.accel, 2) * sd
+                cov = model.known(cross, np.diag(sd**2))
+                return model.expected(self.left, cross), np.sqrt(np.maximum(np.diag(cov), 0.0))
+        return np.zeros(3), np.zeros(3)
+
+    def attitudes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Attitude at each edge from the observations known there, and its covariance."""
+        geometry = self.model.geometry
+        error, cov = self.model.running(self.observed)
+        taken = np.zeros_like(error)
+        taken[1:] = np.cumsum(np.einsum("nij,nj->ni", geometry.mean_rot, self.gyro_rad), axis=0)
+        back = np.swapaxes(geometry.earth, -1, -2)
+        rot = back @ exp_so3(-(error - taken)) @ geometry.rot
+        return rot, back @ cov @ geometry.earth
+
+
+def model_of(
+    table: TableRecord,
+    site: Site,
+    errors: ImuDescription,
+    *,
+    start: np.ndarray,
+    earth_radps: np.ndarray,
+    gyro_rad: np.ndarray,
+    noise: Noise,
+) -> Model:
+    """Model of a record about an attitude at its start.
+
+    Parameters
+    ----------
+    table : TableRecord
+        The record, or a planned one.
+    site : Site
+        Where.
+    errors : ImuDescription
+        What is stated of the sensors.
+    start : ndarray, shape (3, 3)
+        Attitude at the first edge.
+    earth_radps : ndarray, shape (3,)
+        Rate of the Earth in north, east, down.
+    gyro_rad : ndarray, shape (n, 3)
+        Errors of the gyros to take out.
+    noise : Noise
+        What is known of the platform and the table.
+    """
+    geometry = Geometry(table, start, earth_radps, site.gravity_mps2, gyro_rad)
+    sources = _sources(table, errors, table.turn_rad - gyro_rad)
+    lat = site.latitude_rad
+    change = EARTH_RATE_RADPS * np.array([-np.sin(lat), 0.0, -np.cos(lat)])
+    wrong = site.latitude_sd_rad * table.edge_s[:, None, None] * change[None, :, None]
+    arcsec = 3600.0 * np.degrees(site.latitude_sd_rad)
+    lever = noise.lever_arm_sd_m
+    extra = [
+        Source("latitude", f"{arcsec:.3g} arcsec", rows=geometry.observe(wrong, None)),
+        Source("lever arm", f"{lever:g} m", rows=lever * geometry.lever_columns()),
+    ]
+    sources += [source for source in extra if source.is_there]
+    # Even an ideal unit is read with some digits only.
+    density = np.hypot(errors.accel_random_walk_mps_per_sqrt_h / 60.0, 1e-7)
+    walk = f"{errors.accel_random_walk_mps_per_sqrt_h:g} m/s/sqrt(h)"
+    white = [("velocity random walk", walk, geometry.white_rows(float(density), 0.0, 0.0, 0.0))]
+    moved = geometry.white_rows(0.0, noise.sway_mps, 1e-8, 0.0)
+    white.append(("motion of the platform", f"{1e3 * noise.sway_mps:.2g} mm/s", moved))
+    if len(table.table_edges) > 1:
+        read = geometry.white_rows(0.0, 0.0, 0.0, noise.encoder_sd_rad)
+        white.append(("table angle", f"{3600.0 * np.degrees(noise.encoder_sd_rad):.3g} arcsec", read))
+    return Model(geometry, sources, white)
+
+
+def estimate(table: TableRecord, site: Site, errors: ImuDescription, noise: Noise) -> Estimate:
+    """Least squares: first with the horizontal Earth rate free, then iterated with it known.
+
+    Parameters
+    ----------
+    table : TableRecord
+        The record.
+    site : Site
+        Where.
+    errors : ImuDescription
+        What is stated of the sensors.
+    noise : Noise
+        What is known of the platform and the table.
+    """
+    gyro_rad = _first_gyro_error(table)
+    start = _coarse(table, site, errors, noise, _level_start(table, gyro_rad), gyro_rad)
+    earth = site.earth_rate_ned_radps
+    # Two rounds move the point about which all is linear; in a third the covariances stay.
+    for round_ in range(4):
+        if round_ < 2:
+            model = model_of(
+                table, site, errors, start=start, earth_radps=earth, gyro_rad=gyro_rad, noise=noise
+            )
+            slow = sum(
+                (
+                    model.with_gyro(s)
+                    for s in model.sources
+                    if s.name not in (ANGLE_RANDOM_WALK, QUANTISATION)
+                ),
+                np.zeros_like(model.by_gyro),
+            )
+        else:
+            model.geometry = Geometry(table, start, earth, site.gravity_mps2, gyro_rad)
+        geometry = model.geometry
+        observed = geometry.residuals() + np.tensordot(model.by_gyro, gyro_rad, 2)
+        turn, left = model.fit(observed)
+        if round_ == 3 or (round_ == 2 and np.max(np.abs(turn)) < 1e-7):
+            break
+        start = exp_so3(-turn) @ start
+        gyro_rad = model.expected(left, slow)
+    error = model.gain @ observed - np.tensordot(model.turn, gyro_rad, 2)
+    end = geometry.earth[-1].T @ exp_so3(-error) @ geometry.rot[-1]
+    return Estimate(end, model, observed, left, gyro_rad)
+
+
+def _coarse(
+    table: TableRecord,
+    site: Site,
+    errors: ImuDescription,
+    noise: Noise,
+    start: np.ndarray,
+    gyro_rad: np.ndarray,
+) -> np.ndarray:
+    """Attitude at the start of which only the level is known: the Earth rate as it is found tells north."""
+    earth = site.earth_rate_ned_radps
+    # The part of the Earth rate about the vertical does not depend on the heading.
+    upright = np.array([0.0, 0.0, earth[2]])
+    model = model_of(table, site, errors, start=start, earth_radps=upright, gyro_rad=gyro_rad, noise=noise)
+    geometry = model.geometry
+    rates = geometry.observe(table.edge_s[:, None, None] * np.eye(3)[None, :, :2], None)
+    columns = np.hstack([model.start[:, :2], model.whiten(rates)])
+    white = model.whiten(geometry.residuals() + np.tensordot(model.by_gyro, gyro_rad, 2))
+    normal = columns.T @ columns
+    found = np.linalg.solve(normal, columns.T @ white)
+    # Of all headings the one whose Earth rate fits best, whatever the level then is.
+    grid = np.radians(np.arange(0.0, 360.0, 0.5))
+    miss = earth[0] * np.stack([np.cos(grid), np.sin(grid)], axis=1) - found[2:]
+    free = normal[2:, 2:] - normal[2:, :2] @ np.linalg.solve(normal[:2, :2], normal[:2, 2:])
+    north = grid[np.argmin(np.einsum("ni,ij,nj->n", miss, free, miss))]
+    level = exp_so3(np.array([-found[0], -found[1], 0.0])) @ start
+    return np.asarray(exp_so3(np.array([0.0, 0.0, -north])) @ level)
+
+
+def _first_gyro_error(table: TableRecord) -> np.ndarray:
+    """Bias of gyros that turn faster than the Earth by themselves, as angle per block, shape (n, 3)."""
+    turn = table.turn_rad
+    if len(table.rest_blocks) or not np.all(table.halt < 0):
+        mean = turn[table.halt >= 0].mean(axis=0)
+    else:
+        # On a carousel the mean force lies along the axis; what is across it is no spin.
+        force = table.velocity_mps.sum(axis=0)
+        force /= np.linalg.norm(force)
+        mean = turn.mean(axis=0)
+        mean = mean - (mean @ force) * force
+    if np.linalg.norm(mean) < 5.0 * EARTH_RATE_RADPS * table.step_s:
+        mean = np.zeros(3)
+    return np.tile(mean, (len(turn), 1))
+
+
+def _level_start(table: TableRecord, gyro_rad: np.ndarray) -> np.ndarray:
+    """Attitude at the start with the force upwards and some heading, shape (3, 3)."""
+    first = min(len(table.halt), max(4, round(60.0 / table.step_s)))
+    rot, force = np.eye(3), np.zeros(3)
+    turn = exp_so3(table.turn_rad[:first] - gyro_rad[:first])
+    for k in range(first):
+        force += rot @ table.velocity_mps[k]
+        rot = rot @ turn[k]
+    down = -force / np.linalg.norm(force)
+    ahead = np.eye(3)[0 if abs(down[0]) < 0.8 else 1]
+    east = np.cross(down, ahead)
+    east /= np.linalg.norm(east)
+    return np.stack([np.cross(east, down), east, down])
