@@ -391,3 +391,38 @@ def _rates(
     from .study_rates import run_rates
 
     run_rates(session, rates=rates, reference=reference, out=out, figure=figure, as_json=as_json)
+
+
+@app.command("allan")
+@_guarded
+def _allan(
+    log: Annotated[
+        Path, typer.Argument(help="Inertial unit at rest: .csv, .parquet, PSINS text.", metavar="LOG")
+    ],
+    mapping: Annotated[
+        Path | None, typer.Option(help="TOML file that names the columns, units and axes of LOG.")
+    ] = None,
+    grade: Annotated[
+        str, typer.Option(help="For what does not show at rest: consumer, industrial, tactical, navigation.")
+    ] = "tactical",
+    start: Annotated[float | None, typer.Option("--from", help="Seconds from the start of LOG.")] = None,
+    end: Annotated[float | None, typer.Option("--until", help="Seconds from the start of LOG.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Errors for `northfind --errors`: .toml.")] = None,
+    table: Annotated[Path | None, typer.Option(help="The curves: .csv or .parquet.")] = None,
+    figure: Annotated[Path | None, typer.Option(help="The curves drawn: .png, .pdf or .svg.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """Measure the noise of an inertial unit from a record at rest by its Allan deviation."""
+    from .allan import run_allan
+
+    run_allan(
+        log,
+        mapping=mapping,
+        grade=grade,
+        start_s=start,
+        end_s=end,
+        out=out,
+        table=table,
+        figure=figure,
+        as_json=as_json,
+    )

@@ -112,6 +112,8 @@ class NoiseTerm:
         As people write it.
     suffix : str
         As names end in it.
+    unit_si : float
+        What one unit is in SI units.
     """
 
     name: str
@@ -120,11 +122,18 @@ class NoiseTerm:
     bound: float
     unit: str
     suffix: str
+    unit_si: float
 
     @property
     def is_determined(self) -> bool:
         """bool: Whether it is a number, not only a bound."""
         return bool(np.isfinite(self.value))
+
+    def deviation(self, tau_s: np.ndarray) -> np.ndarray:
+        """Allan deviation of this noise alone, of its bound where it is not determined, in SI units."""
+        size = self.value if self.is_determined else self.bound
+        curve: np.ndarray = np.sqrt(noise_basis(tau_s)[:, TERMS.index(self.name)])
+        return size * self.unit_si * curve
 
     def __str__(self) -> str:
         if not self.is_determined:
@@ -411,7 +420,7 @@ def _span(axis: AllanAxis) -> str:
 def _term(kind: str, k: int, value: float, sd: float, bound: float) -> NoiseTerm:
     """A coefficient in the unit that people use, from its SI values."""
     suffix, unit, factor = _UNITS[kind][TERMS[k]]
-    return NoiseTerm(TERMS[k], value / factor, sd / factor, bound / factor, unit, suffix)
+    return NoiseTerm(TERMS[k], value / factor, sd / factor, bound / factor, unit, suffix, factor)
 
 
 def _fitted_terms(kind: str, fit: NoiseFit) -> dict[str, NoiseTerm]:
