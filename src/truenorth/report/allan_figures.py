@@ -13,6 +13,14 @@ _UNITS = {
     "accelerometer": ("ug", 1e-6 * STANDARD_GRAVITY_MPS2),
 }
 
+_SLOPES = {
+    "quantisation": "slope -1",
+    "random_walk": "slope -1/2",
+    "bias_instability": "slope 0",
+    "bias_walk": "slope +1/2",
+    "drift": "slope +1",
+}
+
 
 def allan_figure(result, *, title=None):
     """One page: gyros at the left, accelerometers at the right, on logarithmic axes.
@@ -117,26 +125,16 @@ def _legend(ax, axes, together):
         handles.append(Line2D([], [], color="0.45", linestyle=":", linewidth=0.8, label="one noise of it"))
     if any(np.any(axis.affected) for axis in axes):
         handles.append(
-            Line2D(
-                [],
-                [],
-                color="0.3",
-                marker="o",
-                markerfacecolor="white",
-                markersize=4,
-                label="more than noise",
-            )
+            Line2D([], [], color="0.3", marker="o", markerfacecolor="white", label="more than noise")
         )
     if any(axis.levelled_tau_s is not None for axis in axes):
         name = "modified Allan" if together.kind == "gyro" else "Hadamard"
         handles.append(
-            Line2D(
-                [], [], color="0.3", linestyle=(0, (5, 1.5)), label=f"without the platform's turn ({name})"
-            )
+            Line2D([], [], color="0.3", linestyle="--", label=f"without the platform's turn ({name})")
         )
     ax.legend(handles=handles, fontsize="small", loc="best", framealpha=0.95)
     lines = [
-        f"{term.name.replace('_', ' ')}: {term} {term.unit}"
+        f"{term.name.replace('_', ' ')} ({_SLOPES[term.name]}): {term} {term.unit}"
         for term in together.terms.values()
         if term.is_determined or term.name in ("random_walk", "bias_instability", "bias_walk")
     ]

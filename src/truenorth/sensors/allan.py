@@ -138,8 +138,9 @@ class NoiseTerm:
     def __str__(self) -> str:
         if not self.is_determined:
             return f"< {float(f'{self.bound:.2g}'):g}"
-        # Two digits of sigma.
-        decimals = max(0, 1 - int(np.floor(np.log10(self.sd)))) if self.sd > 0.0 else 3
+        # Two digits of sigma, one where there are digits enough.
+        digits = 1 if self.sd > 0.01 * self.value else 0
+        decimals = max(0, digits - int(np.floor(np.log10(self.sd))))
         return f"{self.value:.{decimals}f} +- {self.sd:.{decimals}f}"
 
 
@@ -338,12 +339,12 @@ class AllanResult:
         lines = []
         for kind, together in (("gyro", self.gyro), ("accelerometer", self.accelerometer)):
             columns = [*(axis for axis in self.axes if axis.kind == kind), together]
-            lines.append(f"{kind + 's':<34}" + "".join(f"{word:>20}" for word in (*AXES, "together")))
+            lines.append(f"{kind + 's':<34}" + "".join(f"{word:>22}" for word in (*AXES, "together")))
             for name, label in _LABELS.items():
-                cells = "".join(f"{axis.terms[name]!s:>20}" for axis in columns)
+                cells = "".join(f"{axis.terms[name]!s:>22}" for axis in columns)
                 lines.append(f"  {f'{label}, {together.terms[name].unit}':<32}{cells}")
             if any(np.any(axis.affected) for axis in columns):
-                cells = "".join(f"{_span(axis):>20}" for axis in columns)
+                cells = "".join(f"{_span(axis):>22}" for axis in columns)
                 lines.append(f"  {'more than noise at, s':<32}{cells}")
         return "\n".join(lines)
 
