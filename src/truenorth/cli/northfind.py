@@ -116,7 +116,8 @@ def run_northfind(
 
         written.append(save_figure(north_figure(solution, title=Path(log).name), figure))
     if as_json:
-        told = {"log": str(log), **north_dict(solution), "seconds": seconds, "files": [str(path) for path in written]}
+        files = [str(path) for path in written]
+        told = {"log": str(log), **north_dict(solution), "seconds": seconds, "files": files}
         print(json.dumps(told, indent=2, allow_nan=False))
     else:
         rate_hz = 1.0 / table.interval_s

@@ -133,7 +133,7 @@ def find_north(
         raise ConfigError(f"`{method}` is no method; choose {', '.join(METHODS)}", key="method", value=method)
     if errors is None and method in ("fine", "strapdown"):
         raise ConfigError(
-            f"the filter of `{method}` weighs biases and noise; state the sensor's errors (a grade or a file)",
+            f"the filter of `{method}` weighs biases against noise; state the sensor's errors, by grade or file",
             key="errors",
         )
     moving = method in ("positions", "carousel", "fine", "strapdown")
@@ -163,7 +163,8 @@ def _unstated(solution: NorthSolution, required_rad: float) -> Verdict:
         )
         return Verdict(False, text, noise_rad, required_rad)
     text = (
-        f"The errors of the sensor are not stated. At latitude {np.degrees(solution.site.latitude_rad):.2f} it"
-        f" can do {required} if its gyro bias is below {dph:.2g} deg/h (one sigma, east axis)."
+        f"The errors of the sensor are not stated. It can do {required} at latitude"
+        f" {np.degrees(solution.site.latitude_rad):.2f} if its gyro bias is below {dph:.2g} deg/h (one sigma,"
+        f" east axis)."
     )
     return Verdict(None, text, noise_rad, required_rad)
