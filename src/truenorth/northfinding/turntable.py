@@ -38,7 +38,7 @@ from ..timescales import NS_PER_S
 from .site import Site
 from .solution import BudgetLine, ErrorBudget, NorthRun, NorthSolution, Verdict
 from .turntable_design import heading_crlb_rad, square_wave_heading_sd_rad
-from .turntable_fit import HarmonicFit, fit_harmonic
+from .turntable_fit import HarmonicFit, fit_harmonic, wandering_phase
 from .turntable_signal import (
     TableGeometry,
     heading_from_harmonic_rad,
@@ -186,12 +186,17 @@ def demodulate(sensor: TurntableAccelerometerDescription, log: SensorLog) -> tup
 
 def _square_wave_harmonics(sensor: TurntableAccelerometerDescription, log: SensorLog) -> np.ndarray:
     """Vector h of each revolution over the sign of the speed, in body axes of a level table."""
+    return _demodulated(sensor, log.columns["acceleration_mps2"], log.columns["table_angle_rad"])
+
+
+def _demodulated(
+    sensor: TurntableAccelerometerDescription, signal: np.ndarray, angle: np.ndarray
+) -> np.ndarray:
     per_turn = sensor.samples_per_revolution
-    signal, angle = log.columns["acceleration_mps2"], log.columns["table_angle_rad"]
     if len(signal) == 0 or len(signal) % per_turn:
         raise FormatError(
-            f"the square wave needs whole revolutions of {per_turn} samples, the log has {len(signal)}; cut "
-            "it there, or use the maximum-likelihood method"
+            f"the square wave needs whole revolutions of {per_turn} samples, the log has {len(signal)}; "
+            "cut it there, or use the maximum-likelihood method"
         )
     signal = signal.reshape(-1, per_turn)
     angle = angle.reshape(-1, per_turn)
@@ -284,11 +289,7 @@ def find_north_turntable(
             "The platform was taken as level; a tilt turns the azimuth by about tilt times tan(latitude)."
         )
     fits = tuple(
-        (
-            _fit(one, sensor, True, 1, 0, False)
-            if method == "square-wave"
-            else _fit(one, sensor, encoder, harmonics, max_vibrations, speed_terms)
-        )
+        _fit(one, sensor, encoder or method == "square-wave", harmonics, max_vibrations, speed_terms)
         for one, sensor in zip(logs, sensors, strict=True)
     )
     if method == "square-wave":
@@ -297,7 +298,10 @@ def find_north_turntable(
         tilt, geometry = (0.0, 0.0), table_geometry(_level(sensors[0]), site)
         harmonic = _square_wave_harmonics(sensors[0], logs[0]) * np.sign(sensors[0].table_rpm)
         mean = harmonic.mean(axis=0)
-        cov = _square_wave_covariance(fits[0], len(logs[0].columns["acceleration_mps2"]))
+        cov = _square_wave_covariance(fits[0], len(fits[0].used))
+        # What is not noise reaches the square wave as it is.
+        false = _demodulated(sensors[0], fits[0].disturbance_mps2, logs[0].columns["table_angle_rad"])
+        cov = cov + np.eye(2) * 0.5 * float(np.sum(false.mean(axis=0) ** 2))
         gains = np.array([geometry.gain_mps(fits[0].rate_radps)])
         rate_plane, cov_rate = mean / gains[0], cov / gains[0] ** 2
         each = harmonic / gains[0]
@@ -309,6 +313,21 @@ def find_north_turntable(
         gains = np.array([geometry.gain_mps(fit.rate_radps) for fit in fits])
         rate_plane, cov_rate, lean = _combined(fits, gains, geometry)
         each, ends_s, running, running_cov = _revolutions(logs, fits, gains, lean)
+        if not encoder and len(logs) == 1:
+            bearing = np.unwrap(np.arctan2(-each[:, 1], each[:, 0]))
+            turn_s = float(ends_s[0])
+            floor = float(fits[0].noise.harmonics_sd[-1]) / abs(float(gains[0]))
+            floor *= np.sqrt(2.0 * len(each) / len(fits[0].used)) / float(np.linalg.norm(rate_plane))
+            if (wandered := wandering_phase(ends_s - 0.5 * turn_s, bearing, floor)) is not None:
+                start, start_sd = wandered
+                size = float(np.linalg.norm(rate_plane))
+                rate_plane = size * np.array([np.cos(start), -np.sin(start)])
+                cov_rate = np.eye(2) * (size * start_sd) ** 2
+                running_cov = cov_rate[None] * len(each) / np.arange(1, len(each) + 1)[:, None, None]
+                notes.append(
+                    "The speed of the table wanders and no encoder tells the angle: the first revolutions "
+                    "decide."
+                )
     heading, north = (float(x) for x in heading_from_harmonic_rad(geometry, rate_plane))
     gradient = heading_jacobian(geometry, heading)
     noise_sd = float(np.sqrt(gradient @ cov_rate @ gradient))
@@ -322,6 +341,11 @@ def find_north_turntable(
             "check them and the scale of the sensor."
         )
 
+    if any(fit.noise.is_raised for fit in fits):
+        notes.append(
+            "Something disturbs beside the frequency of the table; nearer than one over the length of the "
+            "record it cannot be told from the signal: record longer."
+        )
     lean_matters = lean_sd_rad if len(logs) == 1 else 0.0
     cov_ned = np.zeros((3, 3))
     cov_ned[2, 2] = noise_sd**2 + mark_sd_rad**2

@@ -36,7 +36,7 @@ import numpy as np
 
 from ..errors import NoSolutionError
 
-__all__ = ["HarmonicFit", "NoiseSpectrum", "fit_harmonic", "noise_spectrum"]
+__all__ = ["HarmonicFit", "NoiseSpectrum", "fit_harmonic", "noise_spectrum", "wandering_phase"]
 
 _WINDOWS = (3, 5, 11, 27, 67)
 """Samples of the encoder through which parabolas are laid for the speed."""
@@ -68,12 +68,15 @@ class NoiseSpectrum:
         The same at the first, third, fifth and seventh harmonic.
     order : int
         Of the autoregressive model; 0 is white.
+    is_raised : bool
+        Whether the periodogram beside the signal is higher than the model by more than chance.
     """
 
     white_sd: float
     signal_sd: float
     harmonics_sd: np.ndarray
     order: int
+    is_raised: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,6 +101,8 @@ class HarmonicFit:
         Speed over its mean.
     cleaned_mps2 : ndarray, shape (n,)
         Samples less everything but the signal and the residuals.
+    disturbance_mps2 : ndarray, shape (n,)
+        What was fitted beside constant and signal: harmonics, vibration, effects of an uneven speed.
     residual_mps2 : ndarray, shape (n,)
         What is left; 0 where a sample was left out.
     used : ndarray of bool, shape (n,)
@@ -120,6 +125,7 @@ class HarmonicFit:
     angle_rad: np.ndarray
     relative_speed: np.ndarray
     cleaned_mps2: np.ndarray
+    disturbance_mps2: np.ndarray
     residual_mps2: np.ndarray
     used: np.ndarray
     noise: NoiseSpectrum
@@ -222,15 +228,16 @@ def fit_harmonic(
                 n_uneven, columns, fit = len(plain), [*plain, q**2 - 1.0, change], trial
     frequencies: list[float] = []
     for _ in range(max_vibrations):
-        line_hz = _line(fit.residual, step_s, abs(rate) / (2.0 * np.pi))
+        # Without an encoder an uneven speed puts lines beside the signal that are none.
+        line_hz = _line(fit.residual, step_s, None if angle_rad is not None else abs(rate) / (2.0 * np.pi))
         if line_hz is None:
             break
-        trial_frequencies = _refined_lines(
+        tried = _refined_lines(
             time, values, used, columns, n_rate, [*frequencies, line_hz], len(time) * step_s
         )
-        frequencies = trial_frequencies
-        fit = _Fit(values, used)
-        fit.solve([*columns, *_line_columns(time, frequencies)], n_rate, time)
+        trial = _Fit(values, used)
+        trial.solve([*columns, *_line_columns(time, tried)], n_rate, time)
+        frequencies, fit = tried, trial
     scale = 1.4826 * float(np.median(np.abs(fit.residual[used])))
     wild = used & (np.abs(fit.residual) > _OUTLIER_SD * scale)
     if scale > 0.0 and 0 < np.count_nonzero(wild) < 0.02 * len(time):
@@ -263,6 +270,7 @@ def fit_harmonic(
         angle_rad=angle,
         relative_speed=speed,
         cleaned_mps2=np.where(used, values - rest, 0.0),
+        disturbance_mps2=rest - found[0],
         residual_mps2=fit.residual,
         used=used,
         noise=noise,
@@ -355,19 +363,21 @@ def _refined_rate(
     return rate
 
 
-def _line(residual: np.ndarray, step_s: float, rate_hz: float) -> float | None:
+def _line(residual: np.ndarray, step_s: float, carrier_hz: float | None) -> float | None:
     """Frequency of a line that stands out of the residuals, hertz."""
     n = len(residual)
     power = np.abs(np.fft.rfft(residual)) ** 2
-    # Slower than half a revolution it is the drift of the sensor, which hardly reaches the signal.
-    first = max(4, int(0.5 * rate_hz * n * step_s))
+    first = 2
     if len(power) < first + 32:
         return None
     floor = _floor(power[first:])
     ratio = power[first:] / np.maximum(floor, 1e-300)
+    if carrier_hz is not None:
+        offset = np.arange(first, len(power)) / (n * step_s) - carrier_hz
+        ratio[np.abs(offset) < 0.5 * carrier_hz] = 0.0
     peak = int(np.argmax(ratio))
     # The floor itself scatters, so the threshold has a margin.
-    if power[first + peak] == 0.0 or ratio[peak] < 1.5 * np.log(len(power) / _FALSE_LINE):
+    if ratio[peak] <= 0.0 or ratio[peak] < 1.5 * np.log(len(power) / _FALSE_LINE):
         return None
     return (first + peak) / (n * step_s)
 
@@ -462,25 +472,43 @@ def noise_spectrum(
         density = variance / np.abs(1.0 - turn @ coefficients) ** 2
     # Averaging over a block passes this share of the amplitude at the frequency of the signal.
     density = np.where(cycles < 0.5, density, white**2)
-    # The periodogram beside the signal, where it is higher than the model by more than chance.
+    # The periodogram beside the signal, where it is higher than the model by more than chance: of a line
+    # that is nearer than the resolution the two next bins see most.
     bins = round(turns)
     half = int(np.clip(bins // 2, 1, 25))
-    near = np.setdiff1d(np.arange(max(1, bins - half), bins + half + 1), [bins])
     power = np.abs(np.fft.rfft(residual_mps2)) ** 2 / n
-    near = near[near < len(power) - 1]
-    if len(near):
-        from scipy.special import gammaincc
+    raised, level = float(density[0]), float(density[0])
+    next_two = [k for k in (bins - 1, bins + 1) if 0 < k < len(power) - 1]
+    wider = [
+        k for k in range(max(1, bins - half), bins + half + 1) if abs(k - bins) > 1 and k < len(power) - 1
+    ]
+    if wider:
+        ratio = float(np.mean(power[wider])) / max(level, 1e-300)
+        if _chance(ratio, len(wider)) < 1e-3:
+            raised = ratio * level
+        level = float(np.mean(power[wider]))
+    if next_two:
+        beside = float(np.mean(power[next_two]))
+        if _chance(beside / max(level, 1e-300), len(next_two)) < 1e-3:
+            # A line at an unknown offset within one bin reaches the signal with four times the power, on
+            # average, that it leaves in the two next bins.
+            raised = max(raised, 4.0 * beside)
+    is_raised = bool(raised > density[0])
+    density[0] = raised
+    return NoiseSpectrum(white, float(np.sqrt(density[0])), np.sqrt(density), order, is_raised)
 
-        ratio = float(np.mean(power[near])) / max(density[0], 1e-300)
-        if gammaincc(len(near), len(near) * ratio) < 1e-3:
-            density[0] = ratio * density[0]
-    return NoiseSpectrum(white, float(np.sqrt(density[0])), np.sqrt(density), order)
+
+def _chance(ratio: float, bins: int) -> float:
+    """Probability that a mean of so many bins of a periodogram is so many times its expectation."""
+    from scipy.special import gammaincc
+
+    return float(gammaincc(bins, bins * ratio))
 
 
 def _autoregression(samples: np.ndarray) -> tuple[np.ndarray, float]:
     """Coefficients and innovation variance by Levinson's recursion, order by the Bayesian criterion."""
     n = len(samples)
-    highest = min(_MAX_ORDER, n // 8)
+    highest = min(_MAX_ORDER, n // 24)
     lags = np.array([samples[: n - k] @ samples[k:] for k in range(highest + 1)]) / n
     variance = float(lags[0])
     best, coefficients = np.empty(0), np.empty(0)
@@ -497,3 +525,48 @@ def _autoregression(samples: np.ndarray) -> tuple[np.ndarray, float]:
         if score < best_score:
             best, best_variance, best_score = coefficients, variance, score
     return best, float(best_variance)
+
+
+def wandering_phase(time: np.ndarray, phase_rad: np.ndarray, noise_rad: float) -> tuple[float, float] | None:
+    """Phase at time zero of a series that has an unknown rate and wanders like a random walk.
+
+    Restricted likelihood of ``phase = a + b t + walk(t) + noise``, the density of the walk unknown, the walk
+    beginning at time zero.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        Instants, counted from where the phase is wanted.
+    phase_rad : ndarray, shape (n,)
+        Phases, unwrapped.
+    noise_rad : float
+        White noise of one of them.
+
+    Returns
+    -------
+    tuple of float, or None
+        Phase a and its standard deviation, radians; None where no walk shows or there are fewer than five.
+    """
+    if len(time) < 5:
+        return None
+    groups = np.array_split(np.arange(len(time)), min(len(time), 60))
+    instants = np.array([float(time[rows].mean()) for rows in groups])
+    values = np.array([float(phase_rad[rows].mean()) for rows in groups])
+    design = np.stack([np.ones(len(instants)), instants], axis=1)
+    noise = np.diag([noise_rad**2 / len(rows) for rows in groups])
+    walk = np.minimum.outer(instants, instants) / instants[-1]
+    scores, answers = [], []
+    for wandered_rad in (0.0, *np.logspace(-5.0, 1.0, 61)):
+        cov = noise + wandered_rad**2 * walk
+        weight = np.linalg.inv(cov)
+        inverse = np.linalg.inv(design.T @ weight @ design)
+        found = inverse @ (design.T @ weight @ values)
+        misfit = values - design @ found
+        scores.append(
+            float(misfit @ weight @ misfit)
+            + float(np.linalg.slogdet(cov)[1])
+            - float(np.linalg.slogdet(inverse)[1])
+        )
+        answers.append((float(found[0]), float(np.sqrt(inverse[0, 0]))))
+    best = int(np.argmin(scores))
+    return answers[best] if scores[0] - scores[best] > 6.0 else None
