@@ -58,6 +58,9 @@ TURN_MATCH_RAD = float(np.radians(3.0))
 ENCODER_SD_RAD = float(np.radians(5.0 / 3600.0))
 """Noise of the table's angles that is assumed."""
 
+WOBBLE_SD_RAD = float(np.radians(5.0 / 3600.0))
+"""Wobble of the axis of a carousel that is assumed."""
+
 LEVER_ARM_SD_M = 0.1
 """How far from the axis of a carousel a unit is assumed to stand."""
 
@@ -198,9 +201,8 @@ def align_positions(
     noise = Noise(sway_mps=_sway_mps(table, stated), encoder_sd_rad=encoder_sd_rad)
     measured = {"halts": float(len(halts)), "still": float(still)}
     measured |= {f"turn_{k + 1}_deg": float(np.degrees(turn)) for k, turn in enumerate(turns)}
-    return _solve(
-        "positions", increments, table, site, stated, errors is not None, noise, running, measured, notes
-    )
+    found = estimate(table, site, stated, noise)
+    return _solution("positions", found, site, errors, noise, running, measured, notes)
 
 
 def align_carousel(
@@ -212,6 +214,7 @@ def align_carousel(
     errors: ImuDescription | None = None,
     encoder_sd_rad: float = ENCODER_SD_RAD,
     lever_arm_sd_m: float = LEVER_ARM_SD_M,
+    wobble_rad: float | None = WOBBLE_SD_RAD,
     running: bool = True,
 ) -> NorthSolution:
     """North from a unit that turns steadily about an axis near the vertical, one way or to and fro.
@@ -234,6 +237,9 @@ def align_carousel(
         Noise of the encoder.
     lever_arm_sd_m : float
         How far from the axis the unit may stand; its centripetal force is estimated with the rest.
+    wobble_rad : float, optional
+        How far the axis of the table wobbles, one sigma; None where the table itself may sway. A record that
+        contradicts it is solved as with None.
     running : bool
         Whether to give the estimate as it grew, after every block.
 
@@ -259,7 +265,8 @@ def align_carousel(
     if turned < 2.0 * np.pi or np.median(np.abs(quiet)) < np.radians(0.3) * _step_s(coarse):
         raise NoSolutionError(
             f"a carousel turns steadily, but the record of {duration:.0f} s turns by "
-            f"{np.degrees(turned):.0f} deg in all about the stated axis; turn it by one whole turn or more, or use another method"
+            f"{np.degrees(turned):.0f} deg in all about the stated axis; turn it by a whole turn or more, or "
+            "use another method"
         )
     period = 2.0 * np.pi / (float(np.median(np.abs(quiet))) / _step_s(coarse))
     length = period / PER_TURN
@@ -286,13 +293,27 @@ def align_carousel(
         # One in a quarter turn is as good as all.
         edges = np.arange(0, n + 1, max(1, PER_TURN // 4))
         angles = given[::samples][: n + 1][edges]
-    table = _record(blocks, np.full(n, -1), edges, angles, axis)
+    table = _record(blocks, np.full(n, -1), edges, angles, axis, fixed_axis=wobble_rad is not None)
     stated = errors if errors is not None else _free_errors(table)
-    noise = Noise(_sway_mps(table, stated), encoder_sd_rad, lever_arm_sd_m)
-    measured = {"turned_deg": float(np.degrees(turned)), "turn_period_s": float(period)}
-    return _solve(
-        "carousel", increments, table, site, stated, errors is not None, noise, running, measured, ()
+    noise = Noise(
+        sway_mps=_sway_mps(table, stated),
+        encoder_sd_rad=encoder_sd_rad,
+        lever_arm_sd_m=lever_arm_sd_m,
+        wobble_rad=wobble_rad or 0.0,
     )
+    found = estimate(table, site, stated, noise)
+    notes: tuple[str, ...] = ()
+    if wobble_rad is not None and found.residual_ratio > MISFIT:
+        table = _record(blocks, np.full(n, -1), edges, angles, axis)
+        alone = estimate(table, site, stated, noise)
+        if alone.residual_ratio < 0.9 * found.residual_ratio:
+            found = alone
+            notes += (
+                "The axis of the table moves by more than its stated wobble, so north comes from the "
+                "accelerometers in the inertial frame alone.",
+            )
+    measured = {"turned_deg": float(np.degrees(turned)), "turn_period_s": float(period)}
+    return _solution("carousel", found, site, errors, noise, running, measured, notes)
 
 
 def turning_plan(duration_s: float, positions: int = 2, turn_s: float = 10.0) -> np.ndarray:
@@ -335,6 +356,7 @@ def positions_budget(
     still: bool = True,
     sway_mps: float = 0.0,
     lever_arm_sd_m: float = LEVER_ARM_SD_M,
+    wobble_rad: float = WOBBLE_SD_RAD,
 ) -> ErrorBudget:
     """What `align_positions` or `align_carousel` will achieve, before anything turns.
 
@@ -352,11 +374,13 @@ def positions_budget(
     encoder_sd_rad : float, optional
         Noise of the encoder of the table; None where the gyros measure the turns.
     still : bool
-        Whether the platform stands still in the halts.
+        Whether the platform stands still, in the halts or under the carousel.
     sway_mps : float
         Velocity of a swaying platform, mean over a block.
     lever_arm_sd_m : float
         How far from the axis of a carousel the unit may stand.
+    wobble_rad : float
+        How far the axis of a carousel wobbles.
 
     Returns
     -------
@@ -394,8 +418,15 @@ def positions_budget(
         known = np.arange(0, n + 1, max(1, PER_TURN // 4))
     if encoder_sd_rad is None:
         known = known[:0]
-    table = _record(blocks, halt, known, table_rad[known], np.array([0.0, 0.0, 1.0]), rest=still)
-    noise = Noise(sway_mps, encoder_sd_rad or 0.0, 0.0 if halts else lever_arm_sd_m)
+    table = _record(
+        blocks, halt, known, table_rad[known], np.array([0.0, 0.0, 1.0]), still, still and not halts
+    )
+    noise = Noise(
+        sway_mps=sway_mps,
+        encoder_sd_rad=encoder_sd_rad or 0.0,
+        lever_arm_sd_m=0.0 if halts else lever_arm_sd_m,
+        wobble_rad=wobble_rad,
+    )
     model = model_of(
         table,
         site,
@@ -426,20 +457,17 @@ def _budget(model: Model, site: Site, rot: np.ndarray, residual_ratio: float) ->
     return ErrorBudget(tuple(lines), rot)
 
 
-def _solve(
+def _solution(
     method: str,
-    increments: InertialIncrements,
-    table: TableRecord,
+    found: Estimate,
     site: Site,
-    errors: ImuDescription,
-    is_stated: bool,
+    errors: ImuDescription | None,
     noise: Noise,
     running: bool,
     measured: dict[str, float],
     notes: tuple[str, ...],
 ) -> NorthSolution:
-    """From blocks to a solution at the end of the record."""
-    found = estimate(table, site, errors, noise)
+    """What was found, at the end of the record."""
     ratio = found.residual_ratio
     budget = _budget(found.model, site, found.rot_ned_from_body, ratio)
     if ratio > MISFIT:
@@ -447,11 +475,11 @@ def _solve(
             f"The observations scatter {ratio:.1f} times as much as stated of the sensors; sigma is "
             "widened by that.",
         )
-    if not is_stated:
+    if errors is None:
         notes += (
             "The sensor's errors are not stated: sigma covers the noise of the record and free biases.",
         )
-    used_s = float(table.edge_s[-1])
+    used_s = float(found.model.geometry.table.edge_s[-1])
     rot = found.rot_ned_from_body
     return NorthSolution(
         method=method,
@@ -462,7 +490,7 @@ def _solve(
         cov_ned_rad2=wrapped_covariance(rot, budget.cov_ned_rad2),
         measured={**measured, "sway_mps": noise.sway_mps, "residual_ratio": ratio, **_biases(found)},
         run=_run(found, site, max(ratio, 1.0) if ratio > MISFIT else 1.0) if running else None,
-        budget=budget if is_stated else None,
+        budget=budget if errors is not None else None,
         notes=notes,
     )
 
@@ -551,6 +579,7 @@ def _record(
     angles: np.ndarray,
     axis: np.ndarray,
     rest: bool = True,
+    fixed_axis: bool = False,
 ) -> TableRecord:
     """Blocks with what is looked at: forces within a halt, or everywhere where there is none."""
     inside = halt[1:] == halt[:-1]
@@ -565,6 +594,7 @@ def _record(
         halt=halt,
         force_edges=np.flatnonzero(inside) + 1,
         rest_blocks=np.flatnonzero(halt >= 0) if rest else np.empty(0, dtype=int),
+        axis_blocks=np.arange(len(halt)) if fixed_axis else np.empty(0, dtype=int),
         table_edges=edges,
         table_rad=angles,
         axis_body=axis,
@@ -668,7 +698,8 @@ def _sway_mps(table: TableRecord, errors: ImuDescription) -> float:
     density = errors.accel_random_walk_mps_per_sqrt_h / 60.0
     # Second differences of what is correlated by 2/3, 1/6 (noise) or 2, -1 (velocity) from one to the next.
     noise = density**2 * t * (6.0 * 2.0 / 3.0 - 8.0 / 6.0)
-    return float(np.sqrt(max(variance - 1.2 * noise, 0.0) / 20.0))
+    # A median of some hundred squares scatters by a tenth or two.
+    return float(np.sqrt((variance - noise) / 20.0)) if variance > 1.6 * noise else 0.0
 
 
 def _free_errors(table: TableRecord) -> ImuDescription:

@@ -14,6 +14,8 @@ What ought to be zero and is observed:
   :math:`E_k^T(\varphi_k\times f)` and the errors of the accelerometers;
 * *rest*, of a platform that stands still: the turn against the Earth over a block in a halt,
   :math:`E_{k+1}^T\varphi_{k+1} - E_k^T\varphi_k`;
+* *axis*, of a table whose axis stands still while it turns: that axis in the Earth, from edge to edge,
+  :math:`E_{k+1}^TC_{k+1}a - E_k^TC_ka`, with the misalignment of a in the body;
 * *table*, where an encoder gives its angles: the turn about the axis, less what the encoder says.
 
 Everything that is stated of the sensors enters through the covariance of the observations, so the estimate is
@@ -30,7 +32,7 @@ sec. 4.4 and 5.6.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -49,6 +51,9 @@ _UG = 1e-6 * STANDARD_GRAVITY_MPS2
 
 ANGLE_RANDOM_WALK = "angle random walk"
 QUANTISATION = "gyro quantisation"
+AXIS_SD_RAD = 0.1
+"""How well a unit is set up along the axis of its table: as good as not known."""
+
 DRIFT = ("gyro bias", "gyro bias instability", "rate random walk", "gyro g-sensitivity")
 """What is reported as the bias of the gyros."""
 
@@ -102,6 +107,8 @@ class TableRecord:
         Edges around which the force is looked at.
     rest_blocks : ndarray of int
         Blocks that do not turn against the Earth.
+    axis_blocks : ndarray of int
+        Blocks in which the axis of the table stands still.
     table_edges : ndarray of int
         Edges at which the table's angle is known, the first of them the reference.
     table_rad : ndarray
@@ -118,6 +125,7 @@ class TableRecord:
     halt: np.ndarray
     force_edges: np.ndarray
     rest_blocks: np.ndarray
+    axis_blocks: np.ndarray
     table_edges: np.ndarray
     table_rad: np.ndarray
     axis_body: np.ndarray
@@ -133,13 +141,19 @@ class Noise:
         Velocity of a swaying platform, mean over a block, one sigma.
     encoder_sd_rad : float
         Noise of the angles of the table.
+    rest_rad : float
+        Angles of a platform at rest; even an ideal unit is read with some digits only.
     lever_arm_sd_m : float
         How far from the axis the unit may stand.
+    wobble_rad : float
+        How far the axis of the table wobbles, one sigma in each direction.
     """
 
     sway_mps: float = 0.0
     encoder_sd_rad: float = 0.0
+    rest_rad: float = 1e-8
     lever_arm_sd_m: float = 0.0
+    wobble_rad: float = 0.0
 
 
 class Geometry:
@@ -167,9 +181,10 @@ class Geometry:
         self.axis = rot[0] @ table.axis_body
         blocks, edges = table.rest_blocks, table.force_edges
         # The instant at which a row is known, and rows in that order.
-        known = np.concatenate([np.repeat(edges + 1, 2), np.repeat(blocks + 1, 3), table.table_edges[1:]])
-        self.order = np.argsort(known, kind="stable")
-        self.known = known[self.order]
+        known = [np.repeat(edges + 1, 2), np.repeat(blocks + 1, 3), np.repeat(table.axis_blocks + 1, 2)]
+        known.append(table.table_edges[1:])
+        self.order = np.argsort(np.concatenate(known), kind="stable")
+        self.known = np.concatenate(known)[self.order]
 
     def residuals(self) -> np.ndarray:
         """What ought to be zero, shape (m,)."""
@@ -183,7 +198,9 @@ class Geometry:
         still = back @ rot
         j = table.rest_blocks
         rest = log_so3(still[j + 1] @ np.swapaxes(still[j], -1, -2))
-        return self._stack(force, rest, self._table_residuals(still))
+        pointed = still @ table.axis_body
+        axis = pointed[table.axis_blocks + 1] - pointed[table.axis_blocks]
+        return self._stack(force, rest, axis[:, :2], self._table_residuals(still))
 
     def _table_residuals(self, still: np.ndarray) -> np.ndarray:
         """Turn about the axis since the first known angle less what the table says."""
@@ -224,9 +241,11 @@ class Geometry:
         if accel is not None:
             force = force + np.einsum("nij,njq->niq", back[k], 0.5 * (accel[k - 1] + accel[k]))[:, :2]
         rest = here[j + 1] - here[j]
+        j = table.axis_blocks
+        axis = -np.einsum("ij,njq->niq", skew(self.axis), here[j + 1] - here[j])[:, :2]
         edges = table.table_edges
         turned = np.einsum("i,niq->nq", self.axis, here[edges[1:]] - here[edges[:1]])
-        return self._stack(force, rest, turned)
+        return self._stack(force, rest, axis, turned)
 
     def start_columns(self) -> np.ndarray:
         """Response to a small turn of the attitude at the start, shape (m, 3)."""
@@ -237,26 +256,43 @@ class Geometry:
         table, k = self.table, self.table.force_edges
         swung = (self.rot[k + 1] - 2.0 * self.rot[k] + self.rot[k - 1]) / table.step_s
         force = (np.swapaxes(self.earth[k], -1, -2) @ swung)[:, :2]
-        rest, turned = (
+        table = self.table
+        return self._stack(
+            force,
             np.zeros((len(table.rest_blocks), 3, 3)),
+            np.zeros((len(table.axis_blocks), 2, 3)),
             np.zeros((max(len(table.table_edges) - 1, 0), 3)),
         )
-        return self._stack(force, rest, turned)
 
-    def white_rows(
-        self, velocity_density: float, sway_mps: float, sway_rad: float, table_rad: float
-    ) -> np.ndarray:
+    def axis_columns(self) -> np.ndarray:
+        """Response of the observations to a misalignment of the axis in the body, shape (m, 3)."""
+        table, j = self.table, self.table.axis_blocks
+        still = np.swapaxes(self.earth, -1, -2) @ self.rot
+        return self._stack(
+            np.zeros((len(table.force_edges), 2, 3)),
+            np.zeros((len(table.rest_blocks), 3, 3)),
+            (still[j] - still[j + 1])[:, :2],
+            np.zeros((max(len(table.table_edges) - 1, 0), 3)),
+        )
+
+    def white_rows(self, noise: Noise, velocity_density: float = 0.0) -> np.ndarray:
         """Covariance of what is white in velocity or angle, shape (m, m)."""
         table, t = self.table, self.table.step_s
-        k, j = table.force_edges, table.rest_blocks
-        near = np.abs(k[:, None] - k[None, :])
-        force = velocity_density**2 * t * np.select([near == 0, near == 1], [2.0 / 3.0, 1.0 / 6.0], 0.0)
-        force += sway_mps**2 * np.select([near == 0, near == 1], [2.0, -1.0], 0.0)
-        close = np.abs(j[:, None] - j[None, :])
-        rest = sway_rad**2 * np.select([close == 0, close == 1], [2.0, -1.0], 0.0)
+
+        def neighbours(index: np.ndarray, same: float, next_to: float) -> np.ndarray:
+            near = np.abs(index[:, None] - index[None, :])
+            return np.asarray(np.select([near == 0, near == 1], [same, next_to], 0.0))
+
+        # A second difference of white noise's second integral; a first difference of what is white itself.
+        noisy = velocity_density**2 * t
+        edges = table.force_edges
+        force = neighbours(edges, 2.0 / 3.0 * noisy, noisy / 6.0)
+        force += noise.sway_mps**2 * neighbours(edges, 2.0, -1.0)
+        rest = noise.rest_rad**2 * neighbours(table.rest_blocks, 2.0, -1.0)
+        axis = noise.wobble_rad**2 * neighbours(table.axis_blocks, 2.0, -1.0)
         n_table = max(len(table.table_edges) - 1, 0)
-        turned = table_rad**2 * (np.eye(n_table) + 1.0)
-        parts = [np.kron(force, np.eye(2)), np.kron(rest, np.eye(3)), turned]
+        turned = noise.encoder_sd_rad**2 * (np.eye(n_table) + 1.0)
+        parts = [np.kron(force, np.eye(2)), np.kron(rest, np.eye(3)), np.kron(axis, np.eye(2)), turned]
         size = sum(len(part) for part in parts)
         total, at = np.zeros((size, size)), 0
         for part in parts:
@@ -264,11 +300,11 @@ class Geometry:
             at += len(part)
         return np.asarray(total[np.ix_(self.order, self.order)])
 
-    def _stack(self, force: np.ndarray, rest: np.ndarray, turned: np.ndarray) -> np.ndarray:
+    def _stack(self, force: np.ndarray, rest: np.ndarray, axis: np.ndarray, turned: np.ndarray) -> np.ndarray:
         """Rows in order of time."""
         tail = force.shape[2:]
-        rows = [part.reshape(-1, *tail) for part in (force, rest, turned)]
-        return np.concatenate(rows)[self.order]
+        rows = [part.reshape(-1, *tail) for part in (force, rest, axis, turned)]
+        return np.asarray(np.concatenate(rows)[self.order])
 
 
 def _mean_turn(turn: np.ndarray) -> np.ndarray:
@@ -692,15 +728,21 @@ def model_of(
         Source("lever arm", f"{lever:g} m", rows=lever * geometry.lever_columns()),
     ]
     sources += [source for source in extra if source.is_there]
-    # Even an ideal unit is read with some digits only.
     density = np.hypot(errors.accel_random_walk_mps_per_sqrt_h / 60.0, 1e-7)
+    silent = Noise(rest_rad=0.0)
     walk = f"{errors.accel_random_walk_mps_per_sqrt_h:g} m/s/sqrt(h)"
-    white = [("velocity random walk", walk, geometry.white_rows(float(density), 0.0, 0.0, 0.0))]
-    moved = geometry.white_rows(0.0, noise.sway_mps, 1e-8, 0.0)
-    white.append(("motion of the platform", f"{1e3 * noise.sway_mps:.2g} mm/s", moved))
+    white = [("velocity random walk", walk, geometry.white_rows(silent, float(density)))]
+    moved = replace(silent, sway_mps=noise.sway_mps, rest_rad=noise.rest_rad)
+    white.append(("motion of the platform", f"{1e3 * noise.sway_mps:.2g} mm/s", geometry.white_rows(moved)))
+    arcsec = 3600.0 * np.degrees(np.array([noise.encoder_sd_rad, noise.wobble_rad]))
     if len(table.table_edges) > 1:
-        read = geometry.white_rows(0.0, 0.0, 0.0, noise.encoder_sd_rad)
-        white.append(("table angle", f"{3600.0 * np.degrees(noise.encoder_sd_rad):.3g} arcsec", read))
+        read = geometry.white_rows(replace(silent, encoder_sd_rad=noise.encoder_sd_rad))
+        white.append(("table angle", f"{arcsec[0]:.3g} arcsec", read))
+    if len(table.axis_blocks):
+        wobbles = geometry.white_rows(replace(silent, wobble_rad=noise.wobble_rad))
+        white.append(("wobble of the table", f"{arcsec[1]:.3g} arcsec", wobbles))
+        off = AXIS_SD_RAD * geometry.axis_columns()
+        sources.append(Source("axis in the body", f"{np.degrees(AXIS_SD_RAD):.2g} deg", rows=off))
     return Model(geometry, sources, white)
 
 
