@@ -133,7 +133,7 @@ def find_north(
         raise ConfigError(f"`{method}` is no method; choose {', '.join(METHODS)}", key="method", value=method)
     if errors is None and method in ("fine", "strapdown"):
         raise ConfigError(
-            f"the filter of `{method}` weighs biases against noise; state the sensor's errors by grade or file",
+            f"the filter of `{method}` weighs biases against noise; state the errors of the sensor",
             key="errors",
         )
     moving = method in ("positions", "carousel", "fine", "strapdown")
