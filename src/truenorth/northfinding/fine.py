@@ -12,7 +12,8 @@ is counted once: the nominal trajectory is a place to linearise at and no inform
 along the trajectory that it found itself, until that moves by less than matters; each run begins anew with
 what was known before the record, and the last one is the maximum-likelihood estimate of the whole.
 
-With ``updates="still"`` the displacement is zero only where the record is still
+Where an innovation is beyond chance, the platform has been moved and has a new place from then on. With
+``updates="still"`` the displacement is zero only where the record is still
 (`truenorth.northfinding.stillness`); between halts the strapdown runs freely, and each halt has a place of
 its own.
 
@@ -42,6 +43,7 @@ from ..strapdown import InertialIncrements, compress_increments
 from .budget import DEFLECTION_SD_RAD, deflection_sensitivity, heading_sd_on_circle, wrapped_covariance
 from .fine_filter import (
     MEASURED,
+    MOVED,
     NOTHING,
     PLACED,
     FilterPass,
@@ -64,10 +66,12 @@ TURNED_RAD = 0.1
 """A body that turns by more shows the errors of scale and axes."""
 GRAVITY_SD_MPS2 = 3e-4
 """Gravity is known from the place to 30 mGal."""
+MOVED_SHARE = 0.05
+"""A platform whose displacement jumps more often is shaken more than was thought, and not moved."""
 SMALLEST_SHAKING_M = 1e-5
 """No platform stands stiller than this."""
-STAYS_RAD = 2e-4
-"""A trajectory that moves by less at its end stays: the square of it is nothing against any force."""
+STAYS_RAD = 1e-3
+"""A trajectory that moves by less at its end stays: the square of it is a microgravity."""
 DRIFTS_RAD = 5e-3
 """The same of the drift over the record by what was found of the gyro biases."""
 UNKNOWN_RAD = 0.5
@@ -91,7 +95,8 @@ class FineHistory:
     gyro_bias_radps, accel_bias_mps2 : ndarray, shape (k, 3)
         Errors of the axes as estimated by then, body axes.
     nis : ndarray, shape (k,)
-        Normalised squared innovation (3 degrees of freedom); NaN where nothing was measured.
+        Normalised squared innovation (3 degrees of freedom); NaN where nothing was measured. Beyond 30 the
+        platform was taken to have been moved.
     still : ndarray of bool, shape (k,)
         Whether the displacement was measured.
     smooth_rot_ned_from_body, smooth_cov_ned_rad2 : ndarray, shape (k, 3, 3), or None
@@ -327,7 +332,9 @@ def _shaking(displacement_m: np.ndarray, action: np.ndarray, force_var: float) -
             found.append(np.sum((rows - basis @ (basis.T @ rows)) ** 2, axis=0) / (window - 5))
     if not found:
         return np.full(3, 1e-6)
-    seen = np.mean(found, axis=0)
+    # A window in which the platform was moved is none of the shaking; the median of chi-square of 15
+    # degrees of freedom is 0.956 of its mean.
+    seen = np.median(found, axis=0) / 0.956
     return np.maximum(np.maximum(seen - of_noise, 0.1 * seen), SMALLEST_SHAKING_M**2)
 
 
@@ -345,17 +352,16 @@ def _iterate(
     for passes in range(1, MOST_PASSES + 1):
         forward = filter_errors(model, nominal, action, shaking)
         state = _states_of_known_heading(forward)[-1]
-        nis = forward.nis[np.isfinite(forward.nis)]
-        excess = float(np.mean(nis)) / 3.0
-        inflate = displacement_sd_m is None and excess > 1.0 + 5.0 * np.sqrt(2.0 / (3.0 * len(nis)))
+        excess, chance = _excess(forward, action)
+        inflate = displacement_sd_m is None and excess > chance
         small = np.maximum(STAYS_RAD, 0.1 * np.sqrt(forward.var[-1, :3]))
         drifts = float(np.max(np.abs(state[gyro]))) * model.duration_s
         stays = bool(np.all(np.abs(state[:3]) < small)) and drifts < DRIFTS_RAD
         if (stays and not inflate) or passes == MOST_PASSES:
             break
-        if stays:
+        if inflate and (stays or excess > 10.0):
             # Slower than the curves, or larger at times: what is unexplained is laid to the shaking.
-            shaking = shaking * min(excess, 100.0)
+            shaking = shaking * min(excess**1.5, 1000.0)
         nominal = model.nominal(
             exp_so3(-state[:3]) @ nominal.rot_ned_from_body[last],
             last,
@@ -363,6 +369,16 @@ def _iterate(
             nominal.accel_bias_mps2 + state[accel],
         )
     return forward, nominal, passes
+
+
+def _excess(forward: FilterPass, action: np.ndarray) -> tuple[float, float]:
+    """Squared innovations as a multiple of what they should be, and what multiple chance may give."""
+    asked = forward.nis[action == MEASURED]
+    taken = asked[asked <= MOVED]
+    if len(taken) < (1.0 - MOVED_SHARE) * len(asked):
+        # More than a platform is moved: 2.37 is the median of chi-square of 3 degrees of freedom.
+        return max(float(np.median(asked)) / 2.37, 2.0), 1.0
+    return float(np.mean(taken)) / 3.0, 1.0 + 5.0 * float(np.sqrt(2.0 / (3.0 * len(taken))))
 
 
 def _states_of_known_heading(forward: FilterPass) -> np.ndarray:
@@ -410,7 +426,8 @@ def _solution(
         **{f"accel_bias_{axis}_ug": float(accel[-1, k] / _UG) for k, axis in enumerate("xyz")},
         **{f"accel_bias_{axis}_sd_ug": float(accel_sd[k] / _UG) for k, axis in enumerate("xyz")},
         "displacement_sd_m": float(np.sqrt(np.mean(forward.displacement_var))),
-        "nis_mean": float(np.nanmean(nis)),
+        "nis_mean": float(np.nanmean(np.where(nis > MOVED, np.nan, nis))),
+        "moved_instants": float(np.count_nonzero(nis > MOVED)),
         "still_share": float(np.mean(forward.action != NOTHING)),
         "passes": float(passes),
     }
@@ -472,4 +489,14 @@ def _notes(model: ErrorModel, forward: FilterPass, passes: int) -> tuple[str, ..
     if moved:
         share = f"{moved} of {len(forward.action)} instants"
         notes.append(f"The platform moved at {share}; the strapdown ran freely there.")
+    jumps = model.blocks.time_s[forward.nis > MOVED]
+    if len(jumps):
+        first = ", ".join(f"{instant:.0f}" for instant in jumps[:5])
+        more = ", ..." if len(jumps) > 5 else ""
+        notes.append(
+            f"The platform was moved at {first}{more} s; it was given a new place there."
+            if len(jumps) <= MOVED_SHARE * len(forward.nis)
+            else f"The platform is shaken by more than the stated displacement at {len(jumps)} instants;"
+            f" state a larger one."
+        )
     return tuple(notes)

@@ -2,7 +2,7 @@ r"""The filter of the fine alignment: forward pass, backward pass, and where the
 
 The displacement of a platform that stays about its place is zero but for the shaking, whose variance R is
 that of the measurement. Where the platform has been moved, its new place is the new zero, and only the
-velocity is carried over.
+velocity is carried over; so it is where an innovation is beyond any chance.
 
 Backwards go two adjoint recursions over the same gains. The one of Bryson and Frazier gives the attitude at
 every edge from all of the record, without the inverse of a covariance. The other follows the error of the
@@ -33,6 +33,9 @@ _PLACE = slice(6, 9)
 NOTHING, MEASURED, PLACED = 0, 1, 2
 """What was done at an edge: nothing, displacement measured, new place taken for zero."""
 
+MOVED = 30.0
+"""Normalised squared innovation beyond which the platform must have been moved; by chance 1 in 700 000."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilterPass:
@@ -50,8 +53,12 @@ class FilterPass:
         Covariance at the end.
     action : ndarray of int, shape (k + 1,)
         What was done at each edge.
-    innovation, innovation_cov, gain : ndarray, shapes (k + 1, 3), (k + 1, 3, 3), (k + 1, n, 3)
-        Of the measurements; zero where there was none.
+    nis : ndarray, shape (k + 1,)
+        Normalised squared innovation, 3 degrees of freedom, also of a measurement that was refused; NaN
+        where there was none.
+    innovation, weight, gain : ndarray, shapes (k + 1, 3), (k + 1, 3, 3), (k + 1, n, 3)
+        Of the measurements, the weight being the inverse of the innovation's covariance; zero where there
+        was none.
     displacement_var : ndarray, shape (3,)
         Variance of the measurement, north, east, down.
     drive : ndarray, shape (k, 9, n - 9)
@@ -63,22 +70,12 @@ class FilterPass:
     attitude_cov: np.ndarray
     cov: np.ndarray
     action: np.ndarray
+    nis: np.ndarray
     innovation: np.ndarray
-    innovation_cov: np.ndarray
+    weight: np.ndarray
     gain: np.ndarray
     displacement_var: np.ndarray
     drive: np.ndarray
-
-    @property
-    def nis(self) -> np.ndarray:
-        """ndarray, shape (k + 1,): Normalised squared innovation, 3 degrees of freedom; NaN without one."""
-        out = np.full(len(self.action), np.nan)
-        rows = self.action == MEASURED
-        y = self.innovation[rows]
-        out[rows] = np.einsum(
-            "ni,ni->n", y, np.linalg.solve(self.innovation_cov[rows], y[:, :, None])[:, :, 0]
-        )
-        return out
 
 
 def _replace(model: ErrorModel) -> np.ndarray:
@@ -117,7 +114,8 @@ def filter_errors(
 
     state, var = np.zeros((number, n)), np.empty((number, n))
     attitude_cov, gains = np.empty((number, 3, n)), np.zeros((number, n, 3))
-    innovation, innovation_cov = np.zeros((number, 3)), np.zeros((number, 3, 3))
+    innovation, weights = np.zeros((number, 3)), np.zeros((number, 3, 3))
+    nis, action = np.full(number, np.nan), action.copy()
     cov, x = model.start_cov.copy(), np.zeros(n)
     # Biases are known to be near zero, not near what was taken off.
     x[model.slices["gyro bias"]] = -nominal.gyro_bias_radps
@@ -134,14 +132,18 @@ def filter_errors(
             cov[N_CORE:, N_CORE:] *= decay2
             cov[rest_diagonal, rest_diagonal] += rest_noise
         if action[k] == MEASURED:
-            s = cov[_PLACE, _PLACE] + noise
-            gain = np.linalg.solve(s, cov[_PLACE]).T
+            weight = np.linalg.inv(cov[_PLACE, _PLACE] + noise)
             y = nominal.displacement_m[k] - x[_PLACE]
-            x = x + gain @ y
-            cov = cov - gain @ cov[_PLACE]
-            cov = 0.5 * (cov + cov.T)
-            innovation[k], innovation_cov[k], gains[k] = y, s, gain
-        elif action[k] == PLACED:
+            nis[k] = y @ weight @ y
+            if nis[k] > MOVED:
+                action[k] = PLACED
+            else:
+                gain = cov[:, _PLACE] @ weight
+                x = x + gain @ y
+                cov = cov - gain @ cov[_PLACE]
+                cov = 0.5 * (cov + cov.T)
+                innovation[k], weights[k], gains[k] = y, weight, gain
+        if action[k] == PLACED:
             x[3:6] += turning @ (nominal.displacement_m[k] - x[_PLACE])
             cov[3:6] -= turning @ cov[_PLACE]
             cov[:, 3:6] -= cov[:, _PLACE] @ turning.T
@@ -151,7 +153,7 @@ def filter_errors(
             cov[_PLACE, _PLACE] = noise
         state[k], var[k], attitude_cov[k] = x, np.diag(cov), cov[:3]
     return FilterPass(
-        state, var, attitude_cov, cov, action, innovation, innovation_cov, gains, displacement_var, drive
+        state, var, attitude_cov, cov, action, nis, innovation, weights, gains, displacement_var, drive
     )
 
 
@@ -185,7 +187,7 @@ def smooth_attitude(model: ErrorModel, forward: FilterPass) -> tuple[np.ndarray,
         cov[k] = own[:, :3] - own @ curve @ own.T
         if forward.action[k] == MEASURED:
             gain = forward.gain[k]
-            inverse = np.linalg.inv(forward.innovation_cov[k])
+            inverse = forward.weight[k]
             slope[_PLACE] -= gain.T @ slope + inverse @ forward.innovation[k]
             across = curve @ gain
             curve[:, _PLACE] -= across
