@@ -253,6 +253,16 @@ def test_verdict_tells_what_would_help():
     assert "most of it by gyro misalignment" in said.sentence
 
 
+def test_a_record_that_was_turned_is_not_told_to_turn():
+    unit = ImuDescription(**SILENT | {"gyro_bias_sd_dph": 1.0})
+    site = Site(0.7)
+    budget = static_budget(unit, np.eye(3), site, 600.0)
+    assert "180 degrees" in judge(budget, site, 600.0, 0.01).sentence
+    told = judge(budget, site, 600.0, 0.01, turned=True).sentence
+    assert "180 degrees" not in told
+    assert "even longer averaging would leave" in told
+
+
 def test_verdict_of_a_sensor_that_can():
     said = verdict(ImuDescription(grade="navigation"), 39.9, 300.0, 1.0)
     assert said.able is True

@@ -548,7 +548,7 @@ def heading_sd_against_latitude(
 
 
 _WHITE = {"angle random walk", "velocity random walk"}
-_ENDS = {"gyro quantisation", "accelerometer quantisation"}
+_ENDS = {"gyro quantisation", "accelerometer quantisation", "shaking"}
 _WALKS = {"rate random walk", "accelerometer bias walk"}
 _SLOW = {"gyro bias instability", "accelerometer bias instability"}
 _TURNS_AWAY = {"gyro bias", "gyro g-sensitivity", "accelerometer bias"}
@@ -557,7 +557,14 @@ LONGEST_S = 86_400.0
 """No one averages for longer."""
 
 
-def judge(budget: ErrorBudget, site: Site, duration_s: float, required_heading_sd_rad: float) -> Verdict:
+def judge(
+    budget: ErrorBudget,
+    site: Site,
+    duration_s: float,
+    required_heading_sd_rad: float,
+    *,
+    turned: bool = False,
+) -> Verdict:
     """Whether a sensor can find north to a demanded accuracy, what limits it, and what would help.
 
     Parameters
@@ -570,6 +577,8 @@ def judge(budget: ErrorBudget, site: Site, duration_s: float, required_heading_s
         How long it averages.
     required_heading_sd_rad : float
         What is demanded, one sigma.
+    turned : bool
+        Whether the record already holds several positions, so that turning the sensor is no advice.
 
     Returns
     -------
@@ -595,7 +604,7 @@ def judge(budget: ErrorBudget, site: Site, duration_s: float, required_heading_s
             achievable,
             required,
         )
-    remedy = _remedy(variance, duration_s, required)
+    remedy = _remedy(variance, duration_s, required, turned)
     if linear >= HOPELESS_SD_RAD:
         ratio = float(np.sqrt(variance[worst.source]))
         times = f"{ratio:.1f} times" if ratio < 3.0 else f"{ratio:.0f} times"
@@ -612,7 +621,7 @@ def judge(budget: ErrorBudget, site: Site, duration_s: float, required_heading_s
     return Verdict(False, sentence, achievable, required)
 
 
-def _remedy(variance: dict[str, float], duration_s: float, required_sd_rad: float) -> str:
+def _remedy(variance: dict[str, float], duration_s: float, required_sd_rad: float, turned: bool) -> str:
     """What would bring a heading to what is demanded, if anything would."""
     from ..sensors.processes import flicker_variance
 
@@ -636,7 +645,7 @@ def _remedy(variance: dict[str, float], duration_s: float, required_sd_rad: floa
             sources[name] = left
         return sources
 
-    for positions in (1, 2):
+    for positions in (1,) if turned else (1, 2):
         sources = after(positions)
         left = sum(sources.values(), np.zeros(len(longer)))
         enough = np.flatnonzero(left <= required_sd_rad**2)
@@ -653,10 +662,8 @@ def _remedy(variance: dict[str, float], duration_s: float, required_sd_rad: floa
     best = int(np.argmin(left))
     source = max(sources, key=lambda name: sources[name][best])
     least = _degrees(float(heading_sd_on_circle(np.sqrt(left[best]))))
-    return (
-        f"even two positions, 180 degrees apart about the vertical, would leave {least}, most of it by"
-        f" {source}; it takes a better sensor"
-    )
+    way = "longer averaging" if turned else "two positions, 180 degrees apart about the vertical,"
+    return f"even {way} would leave {least}, most of it by {source}; it takes a better sensor"
 
 
 def _degrees(angle_rad: float) -> str:
