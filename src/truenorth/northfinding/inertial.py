@@ -14,12 +14,34 @@ reaction to gravity integrated in n0; gravity draws a cone there, about the axis
     V_n(t) = \int_0^t C^{n_0}_{n} f^n d\tau, \qquad
     C\,V_b(t) = V_n(t) + c + \text{disturbance}(t).
 
-The constant c is the velocity of the body at the start. ``velocity-fit`` minimises the squared disturbance
-over C and c, which is Wahba's problem of the centred vectors; the velocities are means over intervals, where
-the shaking averages out.
+The constant c is the velocity of the body at the start. The forms differ in how they find C:
+
+=======================  ====================================================================================
+velocity-fit             least squares of C and c over velocities averaged within intervals of a second,
+                         where shaking averages out; bumps count less
+weighted                 the same, generalised: noise of gyros and accelerometers is weighed against the
+                         shaking (`truenorth.northfinding.inertial_noise`)
+gravity-fit              gravity in both frames by fitting V with a parabola, as it is at both ends
+velocity-differences     all differences of V over half the record
+velocity-optimised       all V, c left out (Wu et al. 2011)
+displacement-optimised   all integrals of V, c left out
+two-velocities           V at half time and at the end, c left out (Qin et al. 2005)
+=======================  ====================================================================================
+
+All reduce to Wahba's problem, the rotation closest to sum V_n V_b^T, which singular values solve; sums run
+on, so the estimate after every interval costs no more than the last. Eliminating c is subtracting means, and
+generalised least squares is Wahba's problem of whitened velocities. A scale error common to all axes turns
+nothing.
+
+The rotation has one parameter for two bends of V: that towards north gives the heading, that towards east is
+known (the horizontal Earth rate), and what is left of it says that the latitude or the gyro towards north is
+wrong. The first two forms fit it too, so that roll and pitch at the end of the record do not suffer, and
+report it.
 
 References
 ----------
+Qin, Y., Yan, G., Gu, D., Zheng, J., "A clever way of SINS coarse alignment despite rocking ship", Journal of
+Northwestern Polytechnical University 23 (2005) 681-684.
 Wu, M., Wu, Y., Hu, X., Hu, D., "Optimization-based alignment for inertial navigation systems: theory and
 algorithm", Aerospace Science and Technology 15 (2011) 1-17.
 Kabsch, W., "A solution for the best rotation to relate two sets of vectors", Acta Crystallographica A32
@@ -31,21 +53,38 @@ sec. 5.6.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ..attitude.vectors import angle_covariance
 from ..errors import ConfigError, NoSolutionError
+from ..gravity import EARTH_RATE_RADPS
 from ..rotations import exp_so3, heading_pitch_roll
-from ..sensors.imu import ImuDescription
 from ..strapdown import InertialIncrements, compress_increments
+from .budget import covariance_after, static_budget, wrapped_covariance
+from .inertial_noise import BUMP_SD, VelocityNoise, bump_factors, estimate_noise, walk_covariance, whiten
 from .site import Site
-from .solution import NorthRun, NorthSolution
+from .solution import BudgetLine, ErrorBudget, NorthRun, NorthSolution
 
-__all__ = ["FORMS", "align_inertial"]
+if TYPE_CHECKING:
+    from ..sensors.imu import ImuDescription
 
-FEWEST_INTERVALS = 5
-"""Rotation, velocity and a residual need that many."""
+__all__ = ["FORMS", "align_inertial", "estimate_latitude"]
+
+FEWEST_INTERVALS = 8
+"""Rotation, offset and noise need that many."""
+
+LATITUDE_STEPS = 4
+"""The first step is nearly exact; the rest takes up the third derivative."""
+LAST_LATITUDE_RAD = float(np.radians(89.8))
+LATITUDE_SLACK = 0.05
+"""How much faster than the Earth noise may make gravity turn at the equator."""
+
+_DPH = np.pi / 180.0 / 3600.0
+_UG = 1e-6 * 9.80665
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +109,33 @@ class _Path:
         return np.diff(self.position_m, axis=0) / np.diff(self.time_s)[:, None]
 
 
+class _Problem(NamedTuple):
+    """What every form is given."""
+
+    felt: _Path
+    """In b0."""
+    expected: _Path
+    """In n0."""
+    counts: np.ndarray
+    """After how many intervals the rotation is wanted, shape (k,)."""
+    factors: np.ndarray
+    """How much the variance of each interval exceeds the usual, shape (n,)."""
+    noise: VelocityNoise
+    """Of the mean velocities."""
+    gravity_mps2: float
+
+
+class _Fit(NamedTuple):
+    """What a form finds after each of k counts."""
+
+    rot_n0_from_b0: np.ndarray
+    """Shape (k, 3, 3)."""
+    bend_mps2_per_s: np.ndarray | None = None
+    """What is left of the curvature of V in n0, shape (k, 3)."""
+    slope_bend_covariance: np.ndarray | None = None
+    """Of slope at the end and curvature along one horizontal axis, shape (k, 2, 2)."""
+
+
 def _felt_path(blocks: InertialIncrements) -> tuple[_Path, np.ndarray]:
     """What the unit felt, in b0, and the attitude of the body against b0 at the edges."""
     turn = exp_so3(blocks.angle_rad)
@@ -80,14 +146,14 @@ def _felt_path(blocks: InertialIncrements) -> tuple[_Path, np.ndarray]:
     assert blocks.position_m is not None  # compressed increments always have it
     time_s = blocks.time_s - blocks.time_s[0]
     gained = np.einsum("nij,nj->ni", rot[:-1], blocks.velocity_mps)
-    velocity = np.concatenate([np.zeros((1, 3)), np.cumsum(gained, axis=0)])
+    velocity = _from_zero(np.cumsum(gained, axis=0))
     moved = np.einsum("nij,nj->ni", rot[:-1], blocks.position_m) + velocity[:-1] * np.diff(time_s)[:, None]
-    return _Path(time_s, velocity, np.concatenate([np.zeros((1, 3)), np.cumsum(moved, axis=0)])), rot
+    return _Path(time_s, velocity, _from_zero(np.cumsum(moved, axis=0))), rot
 
 
 def _expected_path(site: Site, time_s: np.ndarray) -> _Path:
     """What a unit at rest on the turning Earth feels, in n0."""
-    rate = float(np.linalg.norm(site.earth_rate_ned_radps))
+    rate = EARTH_RATE_RADPS
     axis = site.earth_rate_ned_radps / rate
     along = axis * (axis @ site.force_ned_mps2)
     across = site.force_ned_mps2 - along
@@ -100,24 +166,245 @@ def _expected_path(site: Site, time_s: np.ndarray) -> _Path:
     return _Path(time_s, velocity, position)
 
 
+def _from_zero(rows: np.ndarray) -> np.ndarray:
+    """Rows after one of zeros."""
+    return np.concatenate([np.zeros((1, *rows.shape[1:])), rows])
+
+
+def _sums(rows: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Sums of the first so many rows, for each count."""
+    return np.cumsum(rows, axis=0)[counts - 1]
+
+
+def _products(a: np.ndarray, b: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Sums of a b^T over the first so many rows, for each count."""
+    return _sums(a[:, :, None] * b[:, None, :], counts)
+
+
 def _closest_rotation(profile: np.ndarray) -> np.ndarray:
     """Rotations that solve Wahba's problem: the largest trace of their product with the profile sum r b^T."""
     u, _, vt = np.linalg.svd(profile)
     u[..., 2] *= (np.linalg.det(u) * np.linalg.det(vt))[..., None]
-    return u @ vt
+    return np.asarray(u @ vt)
 
 
-def _velocity_fit(felt: _Path, expected: _Path, counts: np.ndarray) -> np.ndarray:
-    """Least squares of rotation and starting velocity over mean velocities."""
-    b, r = felt.mean_velocity_mps, expected.mean_velocity_mps
-    number = counts[:, None, None]
-    products = np.cumsum(r[:, :, None] * b[:, None, :], axis=0)[counts - 1]
-    sums_b, sums_r = (np.cumsum(rows, axis=0)[counts - 1] for rows in (b, r))
-    return _closest_rotation(products - sums_r[:, :, None] * sums_b[:, None, :] / number)
+def _triad(first_r: np.ndarray, then_r: np.ndarray, first_b: np.ndarray, then_b: np.ndarray) -> np.ndarray:
+    """Rotations that take the first vector of b to that of r exactly, and the plane with the second."""
+
+    def axes(first: np.ndarray, then: np.ndarray) -> np.ndarray:
+        x = first / np.linalg.norm(first, axis=-1, keepdims=True)
+        z = np.cross(first, then)
+        z = z / np.linalg.norm(z, axis=-1, keepdims=True)
+        return np.stack([x, np.cross(z, x), z], axis=-1)
+
+    return np.asarray(axes(first_r, then_r) @ np.swapaxes(axes(first_b, then_b), -1, -2))
 
 
-FORMS: dict[str, Callable[[_Path, _Path, np.ndarray], np.ndarray]] = {"velocity-fit": _velocity_fit}
-"""Name of each form and what finds the constant rotation from the first so many intervals."""
+def _two_velocities(problem: _Problem) -> _Fit:
+    half, last = problem.counts // 2, problem.counts
+    r, b = problem.expected.velocity_mps, problem.felt.velocity_mps
+    return _Fit(_triad(r[last], r[half], b[last], b[half]))
+
+
+def _velocity_optimised(problem: _Problem) -> _Fit:
+    r, b = problem.expected.velocity_mps[1:], problem.felt.velocity_mps[1:]
+    return _Fit(_closest_rotation(_products(r, b, problem.counts)))
+
+
+def _displacement_optimised(problem: _Problem) -> _Fit:
+    r, b = problem.expected.position_m[1:], problem.felt.position_m[1:]
+    return _Fit(_closest_rotation(_products(r, b, problem.counts)))
+
+
+def _velocity_differences(problem: _Problem) -> _Fit:
+    r, b = problem.expected.velocity_mps, problem.felt.velocity_mps
+    profile = np.empty((len(problem.counts), 3, 3))
+    for k, count in enumerate(problem.counts):
+        lag = count // 2
+        profile[k] = (r[lag : count + 1] - r[: count + 1 - lag]).T @ (
+            b[lag : count + 1] - b[: count + 1 - lag]
+        )
+    return _Fit(_closest_rotation(profile))
+
+
+def _gravity_fit(problem: _Problem) -> _Fit:
+    time_s = problem.felt.time_s
+    powers = np.stack([np.ones_like(time_s), time_s, 0.5 * time_s**2], axis=1)
+    counts = problem.counts + 1
+    normal = _products(powers, powers, counts)
+    end = time_s[problem.counts]
+    gravity = []
+    for path in (problem.expected, problem.felt):
+        fitted = _solve(normal, _products(powers, path.velocity_mps, counts))
+        gravity += [fitted[:, 1], fitted[:, 1] + end[:, None] * fitted[:, 2]]
+    return _Fit(_triad(gravity[1], gravity[0], gravity[3], gravity[2]))
+
+
+def _solve(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solutions of normal equations whose unknowns differ in size by orders of magnitude."""
+    size = np.sqrt(np.diagonal(normal, axis1=1, axis2=2))
+    scaled = normal / size[:, :, None] / size[:, None, :]
+    return np.asarray(np.linalg.solve(scaled, right / size[:, :, None]) / size[:, :, None])
+
+
+def _columns(problem: _Problem) -> np.ndarray:
+    """Mean velocities felt and expected, and those of an offset, a slope and a bend, shape (n, 9)."""
+    time_s = problem.felt.time_s
+    step = np.diff(time_s)
+    middle = time_s[:-1] + 0.5 * step
+    trend = np.stack([np.ones_like(middle), middle, 0.5 * middle**2 + step**2 / 24.0], axis=1)
+    return np.hstack([problem.felt.mean_velocity_mps, problem.expected.mean_velocity_mps, trend])
+
+
+def _least_squares(problem: _Problem, columns: np.ndarray, walk: np.ndarray | None = None) -> _Fit:
+    """Rotation and offset from columns of `_columns` whose errors are independent.
+
+    Parameters
+    ----------
+    problem : _Problem
+        What is asked for.
+    columns : ndarray, shape (n, 9)
+        Whitened.
+    walk : ndarray, shape (n,), optional
+        Covariance of each row with the slope that the gyros' random walk has brought about by the end.
+    """
+    b, r, trend = columns[:, :3], columns[:, 3:6], columns[:, 6:]
+    counts = problem.counts
+    trend_b, trend_r = _products(trend, b, counts), _products(trend, r, counts)
+    normal = _products(trend, trend, counts)
+    mean = trend_r[:, 0, :, None] * trend_b[:, 0, None, :] / normal[:, 0, 0, None, None]
+    rot = _closest_rotation(_products(r, b, counts) - mean)
+
+    # What is left: C V_b - V_n, as offset, slope and bend.
+    left = _solve(normal, trend_b @ np.swapaxes(rot, -1, -2) - trend_r)
+    end = problem.felt.time_s[counts]
+    slope = left[:, 1] + end[:, None] * left[:, 2]
+    covariance = None
+    if walk is not None:
+        # The gyros' random walk since the start: what its covariance with the whitened errors tells of it.
+        walked = _sums(walk[:, None] * trend, counts)
+        walk_b, walk_r = (_sums(walk[:, None] * rows, counts) for rows in (b, r))
+        slope += np.einsum("kij,kj->ki", rot, walk_b) - walk_r - np.einsum("ki,kij->kj", walked, left)
+        share = np.zeros((len(counts), 2, 3))
+        share[:, 0] = -walked
+        share[:, 0, 1] += 1.0
+        share[:, 0, 2] += end
+        share[:, 1, 2] = 1.0
+        covariance = share @ _solve(normal, np.swapaxes(share, -1, -2))
+        density = (problem.gravity_mps2 * problem.noise.angle_walk_rad_per_sqrt_s) ** 2
+        covariance[:, 0, 0] += density * (end + 2.0 * problem.noise.interval_s) - _sums(walk**2, counts)
+    force = np.diff(problem.expected.velocity_mps, axis=0)[counts - 1]
+    tilt = np.cross(slope, force) / (problem.gravity_mps2 * np.linalg.norm(force, axis=1)[:, None])
+    return _Fit(exp_so3(tilt) @ rot, left[:, 2], covariance)
+
+
+def _velocity_fit(problem: _Problem) -> _Fit:
+    return _least_squares(problem, _columns(problem) / np.sqrt(problem.factors)[:, None])
+
+
+def _weighted(problem: _Problem) -> _Fit:
+    columns = _columns(problem)
+    walk = walk_covariance(problem.noise, problem.gravity_mps2, len(columns))
+    white = whiten(np.column_stack([columns, walk]), problem.noise, problem.gravity_mps2, problem.factors)
+    return _least_squares(problem, white[:, :-1], white[:, -1])
+
+
+FORMS: dict[str, Callable[[_Problem], _Fit]] = {
+    "velocity-fit": _velocity_fit,
+    "weighted": _weighted,
+    "gravity-fit": _gravity_fit,
+    "velocity-differences": _velocity_differences,
+    "velocity-optimised": _velocity_optimised,
+    "displacement-optimised": _displacement_optimised,
+    "two-velocities": _two_velocities,
+}
+"""Name of each form and what finds its rotation."""
+
+_AT_INSTANTS = ("gravity-fit", "velocity-differences", "velocity-optimised", "two-velocities")
+"""Forms that take velocities at instants, with all their shaking."""
+
+_PULSES = 48
+"""Instants at which the response of a form to errors is found."""
+
+
+def _noise_scales(site: Site, duration_s: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """What unit noises of gyros, accelerometers and shaking do to tilts and heading, in order of magnitude.
+
+    Shape (3, k, 3): kind of noise, instant, turn about north, east, down.
+    """
+    g, horizontal, t = site.gravity_mps2, site.horizontal_rate_radps, duration_s
+    tilts = np.stack([np.sqrt(t), 1.0 / (g * np.sqrt(t)), 1.0 / (g * t * np.sqrt(counts))])
+    heading = tilts / (horizontal * t)
+    return np.stack([tilts, tilts, heading], axis=-1)
+
+
+@lru_cache(maxsize=16)
+def _noise_shapes(form: str) -> np.ndarray:
+    r"""Covariances left by the three kinds of noise in units of `_noise_scales`, shape (3, 3, 3).
+
+    The response of the form to pulses along a record is found by trying them: a small turn of the gyros, a
+    small step of the velocity, a velocity in one interval only. Of a fit of a parabola, with u the instant as
+    a share of the record, the heading follows a rate of the east gyro by :math:`30u^2(1-u)^2`, whose square
+    integrates to 10/7: its variance is 1.43 times that of plain averaging.
+    """
+    site, length_s, small = Site(np.radians(45.0)), 240.0, 1e-6
+    time_s = np.linspace(0.0, length_s, _PULSES + 1)
+    step_s = length_s / _PULSES
+    expected = _expected_path(site, time_s)
+    noise = VelocityNoise(step_s, 1.0, 0.0, 0.0)
+    problem = _Problem(expected, expected, np.array([_PULSES]), np.ones(_PULSES), noise, site.gravity_mps2)
+    to_end = exp_so3(-length_s * site.earth_rate_ned_radps)
+
+    def response(
+        velocity: np.ndarray, position: np.ndarray, push: np.ndarray, turn: np.ndarray
+    ) -> np.ndarray:
+        """Error of the attitude at the end, for one."""
+        shaken = _Path(
+            time_s,
+            expected.velocity_mps + small * velocity[:, None] * push,
+            expected.position_m + small * position[:, None] * push,
+        )
+        rot = FORMS[form](problem._replace(felt=shaken)).rot_n0_from_b0[0] @ exp_so3(small * turn)
+        error = to_end @ rot @ to_end.T
+        return np.array([error[2, 1], error[0, 2], error[1, 0]]) / small
+
+    shapes = np.zeros((3, 3, 3))
+    for k in range(_PULSES):
+        since = np.maximum(time_s - 0.5 * (time_s[k] + time_s[k + 1]), 0.0)
+        after = (since > 0.0).astype(float)
+        for axis in np.eye(3)[:2]:
+            errors = (
+                # A turn lets gravity feign a velocity, and stays.
+                response(since, 0.5 * since**2, np.cross(axis, site.force_ned_mps2), axis),
+                response(after, since, axis, 0.0 * axis),
+                response(np.diff(after, prepend=0.0), step_s * after, axis, 0.0 * axis),
+            )
+            for shape, error, variance in zip(shapes, errors, (step_s, step_s, 1.0), strict=True):
+                shape += variance * np.outer(error, error)
+    scales = _noise_scales(site, np.array([length_s]), np.array([_PULSES]))[:, 0]
+    return np.asarray(shapes / scales[:, :, None] / scales[:, None, :])
+
+
+def _noise_lines(form: str, fit: _Fit, problem: _Problem, site: Site, shaking_mps: float) -> np.ndarray:
+    """Covariances of the attitude by noise of gyros, accelerometers and shaking, shape (3, k, 3, 3).
+
+    Of the weighted form all is in the first: there it cannot be told apart.
+    """
+    duration = problem.felt.time_s[problem.counts]
+    lines = np.zeros((3, len(duration), 3, 3))
+    if fit.slope_bend_covariance is not None:
+        g, lever = site.gravity_mps2, site.gravity_mps2 * site.horizontal_rate_radps
+        cov = fit.slope_bend_covariance
+        lines[0, :, 0, 0] = lines[0, :, 1, 1] = cov[:, 0, 0] / g**2
+        lines[0, :, 2, 2] = cov[:, 1, 1] / lever**2
+        lines[0, :, 1, 2] = lines[0, :, 2, 1] = cov[:, 0, 1] / (g * lever)
+        return lines
+    noise = problem.noise
+    sizes = (noise.angle_walk_rad_per_sqrt_s, noise.velocity_walk_mps_per_sqrt_s, shaking_mps)
+    # Two instants alone stay as noisy however many intervals there are.
+    counts = np.full_like(problem.counts, _PULSES) if form == "two-velocities" else problem.counts
+    scales = _noise_scales(site, duration, counts) * np.array(sizes)[:, None, None]
+    return scales[..., :, None] * _noise_shapes(form)[:, None] * scales[..., None, :]
 
 
 def align_inertial(
@@ -129,7 +416,7 @@ def align_inertial(
     running: bool = True,
     interval_s: float = 1.0,
 ) -> NorthSolution:
-    """North, roll and pitch of a platform at rest that may sway and shake.
+    """North, roll and pitch of a platform that stays in its place but may sway and shake.
 
     Parameters
     ----------
@@ -138,77 +425,286 @@ def align_inertial(
     site : Site
         Where.
     errors : ImuDescription, optional
-        What is known of the sensor.
+        Errors of the sensor, for covariance and budget. Without them the covariance is that of the noise seen
+        in the data alone.
     form : str
-        One of `FORMS`.
+        One of `FORMS`. ``weighted`` is up to a fifth better where the noise of the gyros is known or the
+        record long; ``velocity-fit`` assumes nothing.
     running : bool
-        Whether to give the estimate after every interval too.
+        Whether to keep the estimate after every interval.
     interval_s : float
-        Length over which the increments are summed and velocities averaged first, seconds.
+        Length over which increments are summed and velocities averaged; a few periods of the shaking.
 
     Returns
     -------
     NorthSolution
-        At the end of the record.
+        At the end of the record. `measured` holds ``gravity_mps2``, ``residual_mps`` (horizontal, rms, of
+        mean velocities), ``shaking_mps`` (of one mean), ``gyro_random_walk_deg_per_sqrt_h`` and
+        ``accel_random_walk_mps_per_sqrt_h`` (as seen or stated), ``bumps`` (intervals that count less), and
+        of the first two forms ``horizontal_rate_dph`` and ``latitude_deg``, as the bend of the velocity says.
 
     Raises
     ------
     ConfigError
-        If there is no such form.
+        If there is no such form, or the interval is not positive.
     NoSolutionError
-        If the record is too short.
+        If the record is too short or holds no numbers.
     """
     if form not in FORMS:
         raise ConfigError(
-            f"inertial alignment has no form {form!r}; give one of {', '.join(FORMS)}", key="form", value=form
+            f"the form of the inertial alignment is {form!r}; give one of {', '.join(FORMS)}",
+            key="form",
+            value=form,
         )
-    step_s = float(np.median(np.diff(increments.time_s)))
-    samples = max(1, round(interval_s / step_s))
-    number = len(increments.angle_rad) // samples
-    if number < FEWEST_INTERVALS:
-        raise NoSolutionError(
-            f"inertial alignment got {len(increments.angle_rad) * step_s:.1f} s of data; give at least"
-            f" {FEWEST_INTERVALS * samples * step_s:.0f} s"
-        )
-    blocks = compress_increments(_ending(increments, number * samples), samples)
+    blocks = _blocks(increments, interval_s)
     felt, rot_b0_from_b = _felt_path(blocks)
-    expected = _expected_path(site, felt.time_s)
+    number = len(blocks.angle_rad)
     counts = np.arange(FEWEST_INTERVALS, number + 1) if running else np.array([number])
-    rot_n0_from_b0 = FORMS[form](felt, expected, counts)
-    rot_n_from_n0 = exp_so3(np.multiply.outer(-felt.time_s[counts], site.earth_rate_ned_radps))
-    rot_ned_from_body = rot_n_from_n0 @ rot_n0_from_b0 @ rot_b0_from_b[counts]
-
-    residual = felt.mean_velocity_mps @ rot_n0_from_b0[-1].T - expected.mean_velocity_mps
-    residual -= residual.mean(axis=0)
-    horizontal = float(np.sqrt(np.mean(residual[:, :2] ** 2)))
+    problem, left = _with_noise(felt, site, counts, errors)
+    fit = FORMS[form](problem)
     duration = felt.time_s[counts]
-    lever = site.gravity_mps2 * site.horizontal_rate_radps
-    heading_sd = horizontal * np.sqrt(720.0 / counts) / (lever * duration**2)
-    tilt_sd = horizontal * np.sqrt(12.0 / counts) / (site.gravity_mps2 * duration)
-    sd = np.stack([heading_sd, tilt_sd, tilt_sd], axis=1)
-    angles = np.stack(heading_pitch_roll(rot_ned_from_body), axis=1)
+    rot_n_from_n0 = exp_so3(np.multiply.outer(-duration, site.earth_rate_ned_radps))
+    attitude = rot_n_from_n0 @ fit.rot_n0_from_b0 @ rot_b0_from_b[counts]
+    rot = attitude[-1]
+
+    shaking = problem.noise.shaking_mps
+    if form in _AT_INSTANTS:
+        at_edges = np.diff(felt.velocity_mps @ fit.rot_n0_from_b0[-1].T, n=2, axis=0)[:, :2]
+        shaking = float(np.sqrt(np.mean(at_edges**2) / 6.0))
+    lines = _noise_lines(form, fit, problem, site, shaking)
+    cov = lines.sum(axis=0)
+    budget = None
+    notes: tuple[str, ...] = ()
+    if errors is None:
+        notes += (
+            "The errors of the sensor were not stated: sigma covers only the noise seen in the data; a gyro"
+            f" bias of 1 deg/h towards east would turn north by"
+            f" {np.degrees(_DPH / site.horizontal_rate_radps):.2g} deg.",
+        )
+    else:
+        budget = _budget(form, errors, rot, site, float(duration[-1]), lines[:, -1], problem.noise, shaking)
+        cov = cov + covariance_after(errors, rot, site, duration, noise_factor=0.0)
+    bumps = int(np.count_nonzero(problem.factors > 1.0))
+    if bumps and form in ("velocity-fit", "weighted"):
+        notes += (
+            f"{bumps} of {number} intervals of {problem.noise.interval_s:g} s were shaken more than the rest,"
+            f" the worst {np.sqrt(problem.factors.max()) * BUMP_SD:.0f} times; they count less.",
+        )
+    cov = wrapped_covariance(rot, cov)
+    run = None
+    if running:
+        angles = angle_covariance(attitude, cov)
+        sd = np.sqrt(np.maximum(np.diagonal(angles, axis1=1, axis2=2), 0.0))
+        run = NorthRun(blocks.time_s[counts], np.stack(heading_pitch_roll(attitude), axis=-1), sd)
     return NorthSolution(
-        method="inertial",
+        method=form,
         site=site,
         time_s=float(blocks.time_s[-1]),
         duration_s=float(duration[-1]),
-        rot_ned_from_body=rot_ned_from_body[-1],
-        cov_ned_rad2=np.diag(sd[-1, ::-1] ** 2),
-        measured={"residual_mps": horizontal},
-        run=NorthRun(blocks.time_s[counts], angles, sd) if running else None,
-        notes=() if errors is not None else _NOISE_ONLY,
+        rot_ned_from_body=rot,
+        cov_ned_rad2=cov[-1],
+        measured=_measured(problem, fit, site, left) | {"bumps": float(bumps)},
+        run=run,
+        budget=budget,
+        notes=notes,
     )
 
 
-_NOISE_ONLY = ("Sigma covers noise only, for no errors of the sensor were stated.",)
-
-
-def _ending(increments: InertialIncrements, used: int) -> InertialIncrements:
-    """The last so many intervals."""
-    skip = len(increments.angle_rad) - used
-    return InertialIncrements(
+def _blocks(increments: InertialIncrements, interval_s: float) -> InertialIncrements:
+    """Increments over intervals, the last of which ends with the record."""
+    if not interval_s > 0.0:
+        raise ConfigError(
+            f"the interval of the inertial alignment is {interval_s:g} s; give a positive one",
+            key="interval_s",
+            value=interval_s,
+        )
+    available = len(increments.angle_rad)
+    step_s = float(np.median(np.diff(increments.time_s))) if available else interval_s
+    samples = max(1, round(interval_s / step_s))
+    number = available // samples
+    if number < FEWEST_INTERVALS:
+        raise NoSolutionError(
+            f"inertial alignment got {available * step_s:.3g} s of data; give at least"
+            f" {FEWEST_INTERVALS * samples * step_s:.3g} s, and minutes for a useful north"
+        )
+    if not (np.all(np.isfinite(increments.angle_rad)) and np.all(np.isfinite(increments.velocity_mps))):
+        raise NoSolutionError("inertial alignment: the record holds values that are no numbers; cut them out")
+    if not np.any(increments.velocity_mps):
+        raise NoSolutionError(
+            "inertial alignment: the accelerometers say zero throughout; check columns and units"
+        )
+    skip = available - number * samples
+    ending = InertialIncrements(
         increments.time_s[skip:],
         increments.angle_rad[skip:],
         increments.velocity_mps[skip:],
         None if increments.position_m is None else increments.position_m[skip:],
     )
+    return compress_increments(ending, samples)
+
+
+def _with_noise(
+    felt: _Path, site: Site, counts: np.ndarray, errors: ImuDescription | None
+) -> tuple[_Problem, np.ndarray]:
+    """The problem with the noise that a first fit shows, and the residuals of that fit, shape (n, 3)."""
+    number = len(felt.time_s) - 1
+    expected = _expected_path(site, felt.time_s)
+    interval_s = float(np.mean(np.diff(felt.time_s)))
+    plain = _Problem(
+        felt,
+        expected,
+        np.array([number]),
+        np.ones(number),
+        VelocityNoise(interval_s, 1.0, 0.0, 0.0),
+        site.gravity_mps2,
+    )
+    for _ in range(2):
+        # Bumps show best where they do not bend the fit.
+        rot = _velocity_fit(plain).rot_n0_from_b0[0]
+        left = felt.mean_velocity_mps @ rot.T - expected.mean_velocity_mps
+        plain = plain._replace(factors=bump_factors(left[:, :2]))
+    gyro, accelerometer = (None, 0.0) if errors is None else _stated_walks(errors)
+    noise = estimate_noise(
+        left[:, :2],
+        interval_s,
+        site.gravity_mps2,
+        plain.factors,
+        angle_walk_rad_per_sqrt_s=gyro,
+        velocity_walk_mps_per_sqrt_s=accelerometer,
+    )
+    return plain._replace(counts=counts, noise=noise), left
+
+
+def _stated_walks(errors: ImuDescription) -> tuple[float, float]:
+    """White noise of gyros, rad/sqrt(s), and accelerometers, (m/s)/sqrt(s), with the rounding of rates."""
+    gyro = np.radians(errors.gyro_random_walk_deg_per_sqrt_h) / 60.0
+    accelerometer = errors.accel_random_walk_mps_per_sqrt_h / 60.0
+    if errors.output == "rates":
+        rounding = 1.0 / np.sqrt(12.0 * errors.rate_hz)
+        gyro = np.hypot(gyro, np.radians(errors.gyro_resolution_dps) * rounding)
+        accelerometer = np.hypot(accelerometer, errors.accel_resolution_ug * _UG * rounding)
+    return float(gyro), float(accelerometer)
+
+
+def _budget(
+    form: str,
+    errors: ImuDescription,
+    rot: np.ndarray,
+    site: Site,
+    duration_s: float,
+    noise_cov: np.ndarray,
+    noise: VelocityNoise,
+    shaking_mps: float,
+) -> ErrorBudget:
+    """What stays the same over the record, from the statement, and the noise, as seen."""
+    walk = f"{errors.gyro_random_walk_deg_per_sqrt_h:g} deg/sqrt(h)"
+    shaking = f"{1e3 * shaking_mps:.2g} mm/s over {noise.interval_s:g} s, as seen"
+    stated: tuple[tuple[str, str], ...] = (
+        ("angle random walk", walk),
+        ("velocity random walk", f"{60.0 * noise.velocity_walk_mps_per_sqrt_s:.2g} m/s/sqrt(h)"),
+        ("shaking", shaking),
+    )
+    if form == "weighted":
+        stated = (("angle random walk and shaking", f"{walk}, {shaking}"),)
+    lines = list(static_budget(form, errors, rot, site, duration_s, noise_factor=0.0).lines)
+    lines += [
+        BudgetLine(source, size, cov)
+        for (source, size), cov in zip(stated, noise_cov, strict=False)
+        if np.any(cov)
+    ]
+    lines.sort(key=lambda line: -float(line.cov_ned_rad2[2, 2]))
+    return ErrorBudget(tuple(lines), rot)
+
+
+def _measured(problem: _Problem, fit: _Fit, site: Site, left: np.ndarray) -> dict[str, float]:
+    """What the data say of themselves."""
+    noise = problem.noise
+    felt, expected = (
+        path.velocity_mps - path.velocity_mps.mean(axis=0) for path in (problem.felt, problem.expected)
+    )
+    horizontal = left[:, :2] - left[:, :2].mean(axis=0)
+    measured = {
+        "gravity_mps2": site.gravity_mps2 * float(np.linalg.norm(felt) / np.linalg.norm(expected)),
+        "residual_mps": float(np.sqrt(np.mean(horizontal**2))),
+        "shaking_mps": noise.shaking_mps,
+        "gyro_random_walk_deg_per_sqrt_h": 60.0 * float(np.degrees(noise.angle_walk_rad_per_sqrt_s)),
+        "accel_random_walk_mps_per_sqrt_h": 60.0 * noise.velocity_walk_mps_per_sqrt_s,
+    }
+    if fit.bend_mps2_per_s is not None:
+        # The bend towards east, in the middle of the record, is gravity times the horizontal Earth rate.
+        turned = exp_so3(-0.5 * problem.felt.time_s[-1] * site.earth_rate_ned_radps) @ fit.bend_mps2_per_s[-1]
+        horizontal_radps = site.horizontal_rate_radps + turned[1] / site.gravity_mps2
+        measured["horizontal_rate_dph"] = horizontal_radps / _DPH
+        latitude = np.arccos(np.clip(horizontal_radps / EARTH_RATE_RADPS, -1.0, 1.0))
+        measured["latitude_deg"] = float(np.degrees(np.copysign(latitude, site.latitude_rad)))
+    return measured
+
+
+def estimate_latitude(
+    increments: InertialIncrements,
+    *,
+    longitude_rad: float = 0.0,
+    height_m: float = 0.0,
+    errors: ImuDescription | None = None,
+    interval_s: float = 1.0,
+) -> Site:
+    r"""Latitude from how gravity turns: where the place itself is not known.
+
+    The axis of the Earth is that of gravity's cone and the latitude its angle to the horizontal. The bend of
+    the velocity gives its cosine, and thereby nothing near the equator; which hemisphere it is shows in the
+    third derivative only, so it takes a record of minutes from good gyros, or the sign is a guess. North of
+    `align_inertial` hardly depends on the latitude that it is given; use this to check it.
+
+    Parameters
+    ----------
+    increments : InertialIncrements
+        What the unit felt, body axes.
+    longitude_rad, height_m : float
+        Passed on.
+    errors : ImuDescription, optional
+        Errors of the sensor; without them the standard deviation covers noise only.
+    interval_s : float
+        Over which velocities are averaged.
+
+    Returns
+    -------
+    Site
+        With the latitude found, and its standard deviation.
+
+    Raises
+    ------
+    NoSolutionError
+        If the record is too short, or gravity is not felt to turn as anywhere on the Earth.
+    """
+    blocks = _blocks(increments, interval_s)
+    felt, _ = _felt_path(blocks)
+    number = len(blocks.angle_rad)
+    found = []
+    for sign in (1.0, -1.0):
+        latitude = sign * np.radians(45.0)
+        for _ in range(LATITUDE_STEPS):
+            site = Site(latitude, longitude_rad, height_m)
+            problem, left = _with_noise(felt, site, np.array([number]), errors)
+            fit = _velocity_fit(problem)
+            measured = _measured(problem, fit, site, left)
+            ratio = measured["horizontal_rate_dph"] * _DPH / EARTH_RATE_RADPS
+            latitude = sign * min(float(np.arccos(np.clip(ratio, -1.0, 1.0))), LAST_LATITUDE_RAD)
+        time = np.linspace(-1.0, 1.0, number)
+        smooth = np.polynomial.polynomial.polyvander(time, 2) / np.sqrt(problem.factors)[:, None]
+        white = left[:, :2] / np.sqrt(problem.factors)[:, None]
+        misfit = white - smooth @ np.linalg.lstsq(smooth, white, rcond=None)[0]
+        found.append((float(np.sum(misfit**2)), ratio, site, problem, fit))
+    _, ratio, site, problem, fit = min(found, key=lambda row: row[0])
+    if not abs(ratio) <= 1.0 + LATITUDE_SLACK:
+        raise NoSolutionError(
+            f"finding the latitude: gravity was felt to turn {ratio:.3g} times as fast as the Earth; check"
+            " that the platform stays in its place, axes and units"
+        )
+    lines = _noise_lines("velocity-fit", fit, problem, site, problem.noise.shaking_mps)
+    # The bends towards north and east are as noisy: one is the heading, the other the latitude.
+    variance = float(lines[:, -1, 2, 2].sum()) * np.cos(site.latitude_rad) ** 2
+    if errors is not None:
+        biases = np.hypot(errors.gyro_bias_sd_dph, errors.gyro_bias_instability_dph)
+        variance += (biases * _DPH / EARTH_RATE_RADPS) ** 2
+    sine = max(abs(np.sin(site.latitude_rad)), np.sqrt(variance) ** 0.5)
+    return replace(site, latitude_sd_rad=float(np.sqrt(variance) / sine))
