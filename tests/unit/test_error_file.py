@@ -6,8 +6,6 @@ from truenorth.errors import ConfigError, FormatError
 from truenorth.sensors.error_file import errors_toml, read_errors, write_errors
 from truenorth.sensors.imu import GRADES, ImuDescription
 
-pytestmark = pytest.mark.unit
-
 
 @pytest.mark.parametrize("grade", GRADES)
 def test_a_grade_is_read_by_its_name(grade):
