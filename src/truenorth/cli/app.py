@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from . import calibrate
+from . import calibrate, turntable
 from .guard import run_safely
 from .solve import solve
 
@@ -63,6 +63,15 @@ _calibrate = typer.Typer(
 for _name, _command in calibrate.COMMANDS.items():
     _calibrate.command(_name)(_guarded(_command))
 app.add_typer(_calibrate, name="calibrate")
+
+_turntable = typer.Typer(
+    help="North from an accelerometer on a turntable: solve a log, or design the table.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+for _name, _command in turntable.COMMANDS.items():
+    _turntable.command(_name)(_guarded(_command))
+app.add_typer(_turntable, name="turntable")
 
 
 @app.command("example")
@@ -351,7 +360,7 @@ def _northfind(
 @app.command("compare-north")
 @_guarded
 def _compare_north(
-    runs: Annotated[int | None, typer.Option(help="Draws of all errors; 50 by default.")] = None,
+    runs: Annotated[int | None, typer.Option(help="Draws of all errors; 40 by default.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of the first draw; 2006 by default.")] = None,
     latitude: Annotated[float | None, typer.Option(help="Degrees north; Ankara by default.")] = None,
     heading: Annotated[float | None, typer.Option(help="Where the platform points; 11 by default.")] = None,

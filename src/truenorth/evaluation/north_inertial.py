@@ -14,7 +14,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import msgspec
@@ -83,15 +83,24 @@ class UnitAtRest:
         """
         from ..northfinding.find import METHODS
 
-        solve = METHODS[method][0]
-        errors = unit_errors(unit)
-        truth_rad = float(self._mover(motion).at(np.array([INERTIAL_S])).heading_rad[0])
+        solve, errors = METHODS[method][0], unit_errors(unit)
+        mover, records = self._mover(motion), self._record(unit, motion)
+        if motion != "rest":
+            # The table has an encoder.
+            options["table_angle_rad"] = self._table_angles(motion, mover, records[0].time_s)
 
-        def find(increments: InertialIncrements) -> tuple[float, float]:
+        def find(increments: InertialIncrements) -> tuple[float, float, float]:
             solution = solve(increments, self.site, errors=errors, running=False, **options)
-            return solution.heading_rad - truth_rad, float(solution.angle_sd_rad[0])
+            heading_rad = solution.heading_rad
+            if method == "published":
+                # The thesis takes it from the elements of a matrix that is no rotation.
+                heading_rad = float(np.radians(solution.measured["published_heading_deg"]))
+            return heading_rad, float(solution.angle_sd_rad[0]), solution.time_s
 
-        return self._answers(find, self._record(unit, motion), INERTIAL_S)
+        def truth_rad(time_s: np.ndarray) -> np.ndarray:
+            return np.asarray(mover.at(time_s).heading_rad)
+
+        return self._answers(find, records, INERTIAL_S, truth_rad)
 
     def square_wave(self) -> Answers:
         """Demodulate a turning accelerometer as published, in every run: the mean of the revolutions.
@@ -103,7 +112,7 @@ class UnitAtRest:
         from ..northfinding.turntable import demodulate
         from ..northfinding.turntable_design import square_wave_heading_sd_rad
 
-        sensor, truth_rad = turntable_sensor(), np.radians(self.scene.heading_deg)
+        sensor = turntable_sensor()
         sd_rad = square_wave_heading_sd_rad(
             coriolis_amplitude_mps2(sensor, self.site.latitude_rad),
             sensor.noise_mps2,
@@ -111,9 +120,9 @@ class UnitAtRest:
             sensor.revolutions,
         )
 
-        def find(log: Any) -> tuple[float, float]:
+        def find(log: SensorLog) -> tuple[float, float, float]:
             each_rad, _ = demodulate(sensor, log)
-            return float(np.angle(np.mean(np.exp(1j * (each_rad - truth_rad))))), sd_rad
+            return float(np.angle(np.mean(np.exp(1j * each_rad)))), sd_rad, 0.0
 
         return self._answers(find, self._turntable_logs(), _turntable_s(sensor))
 
@@ -126,11 +135,11 @@ class UnitAtRest:
         """
         from ..northfinding.turntable import find_north_turntable
 
-        sensor, truth_rad = turntable_sensor(), np.radians(self.scene.heading_deg)
+        sensor = turntable_sensor()
 
-        def find(log: Any) -> tuple[float, float]:
+        def find(log: SensorLog) -> tuple[float, float, float]:
             solution = find_north_turntable(log, self.site, description=sensor)
-            return solution.heading_rad - truth_rad, float(solution.angle_sd_rad[0])
+            return solution.heading_rad, float(solution.angle_sd_rad[0]), 0.0
 
         return self._answers(find, self._turntable_logs(), _turntable_s(sensor))
 
@@ -149,17 +158,32 @@ class UnitAtRest:
         ]
 
     def _answers(
-        self, find: Callable[[Any], tuple[float, float]], records: list[Any], data_s: float
+        self,
+        find: Callable[[Any], tuple[float, float, float]],
+        records: Sequence[Any],
+        data_s: float,
+        truth_rad: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> Answers:
-        """Answers of all runs, and the time that they took."""
-        found = np.full((len(records), 2), np.nan)
+        """Answers of all runs (heading, sigma, instant) against the truth, and the time that they took."""
+        found = np.full((len(records), 3), np.nan)
         started = time.process_time()
         for run, record in enumerate(records):
             with contextlib.suppress(NoSolutionError):
-                found[run] = np.degrees(find(record))
+                found[run] = find(record)
         spent_s = time.process_time() - started
-        error = np.asarray(wrapped_deg(found[:, 0]))
-        return Answers.judged(error, found[:, 1], data_s, 1e3 * spent_s / len(records))
+        heading, sd, instant = found.T
+        true = np.radians(self.scene.heading_deg)
+        if truth_rad is not None:
+            true = truth_rad(np.nan_to_num(instant))
+        error = np.asarray(wrapped_deg(np.degrees(heading - true)))
+        return Answers.judged(error, np.degrees(sd), data_s, 1e3 * spent_s / len(records))
+
+    def _table_angles(self, motion: str, mover: Any, time_s: np.ndarray) -> np.ndarray:
+        """What the encoder says: at both halts, or at every edge of the record, not wrapped."""
+        if motion == "half turn":
+            return np.array([0.0, np.pi])
+        heading = mover.at(time_s).heading_rad
+        return np.unwrap(heading) - heading[0]
 
     def _record(self, unit: str, motion: str) -> list[InertialIncrements]:
         """What a unit gives in every run; the draws do not depend on the motion."""
