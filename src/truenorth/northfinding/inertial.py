@@ -388,17 +388,17 @@ def _noise_shapes(form: str) -> np.ndarray:
 def _noise_lines(form: str, fit: _Fit, problem: _Problem, site: Site, shaking_mps: float) -> np.ndarray:
     """Covariances of the attitude by noise of gyros, accelerometers and shaking, shape (3, k, 3, 3).
 
-    Of the weighted form all is in the first: there it cannot be told apart.
+    Of the weighted form there is one, of all noise together, shape (1, k, 3, 3).
     """
     duration = problem.felt.time_s[problem.counts]
-    lines = np.zeros((3, len(duration), 3, 3))
     if fit.slope_bend_covariance is not None:
         g, lever = site.gravity_mps2, site.gravity_mps2 * site.horizontal_rate_radps
         cov = fit.slope_bend_covariance
-        lines[0, :, 0, 0] = lines[0, :, 1, 1] = cov[:, 0, 0] / g**2
-        lines[0, :, 2, 2] = cov[:, 1, 1] / lever**2
-        lines[0, :, 1, 2] = lines[0, :, 2, 1] = cov[:, 0, 1] / (g * lever)
-        return lines
+        line = np.zeros((1, len(duration), 3, 3))
+        line[0, :, 0, 0] = line[0, :, 1, 1] = cov[:, 0, 0] / g**2
+        line[0, :, 2, 2] = cov[:, 1, 1] / lever**2
+        line[0, :, 1, 2] = line[0, :, 2, 1] = cov[:, 0, 1] / (g * lever)
+        return line
     noise = problem.noise
     sizes = (noise.angle_walk_rad_per_sqrt_s, noise.velocity_walk_mps_per_sqrt_s, shaking_mps)
     # Two instants alone stay as noisy however many intervals there are.
@@ -606,10 +606,10 @@ def _budget(
     )
     if form == "weighted":
         stated = (("angle random walk and shaking", f"{walk}, {shaking}"),)
-    lines = list(static_budget(form, errors, rot, site, duration_s, noise_factor=0.0).lines)
+    lines = list(static_budget(errors, rot, site, duration_s, noise_factor=0.0).lines)
     lines += [
         BudgetLine(source, size, cov)
-        for (source, size), cov in zip(stated, noise_cov, strict=False)
+        for (source, size), cov in zip(stated, noise_cov, strict=True)
         if np.any(cov)
     ]
     lines.sort(key=lambda line: -float(line.cov_ned_rad2[2, 2]))
