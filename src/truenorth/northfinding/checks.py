@@ -55,6 +55,12 @@ RATE_TOLERANCE = 0.5
 LEAST_RATE_TOLERANCE = 0.1
 """Of the Earth rate, however good the gyros are said to be: yaw of the body is in it."""
 
+TURNING_TOLERANCE = 20.0
+"""Earth rates of gyro bias that a method with several positions may have to remove, where none is stated."""
+
+TURNING_SHARE = 0.01
+"""Of the rate of a turntable: what scale errors and misalignments may feign, where none are stated."""
+
 TURN_LIMIT_RAD = np.radians(45.0)
 """What turns further is not at rest, but sways or is carried."""
 
@@ -109,6 +115,11 @@ class RecordFigures:
         return float(np.hypot(self.horizontal_rate_radps, self.vertical_rate_radps))
 
     @property
+    def earth_rate_sd_radps(self) -> float:
+        """One sigma of the Earth rate by what shakes the body."""
+        return float(np.hypot(self.horizontal_rate_sd_radps, self.vertical_rate_sd_radps or 0.0))
+
+    @property
     def latitude_rad(self) -> float | None:
         """Latitude at which the Earth rate is felt, from its elevation over the horizon."""
         if self.vertical_rate_radps is None:
@@ -126,6 +137,7 @@ class RecordFigures:
         }
         if self.earth_rate_radps is not None and self.latitude_rad is not None:
             known["earth_rate_dph"] = self.earth_rate_radps / _DPH
+            known["earth_rate_sd_dph"] = self.earth_rate_sd_radps / _DPH
             known["felt_latitude_deg"] = float(np.degrees(self.latitude_rad))
         return known
 
@@ -184,14 +196,21 @@ def check_record(
     _refuse_wrong_force(gravity, site, interval_s, errors)
 
     turn = _turns(blocks)
-    sd_radps = _stated_rate_sd(errors, duration_s, float(np.mean(np.linalg.norm(angle, axis=1))) / interval_s)
-    _refuse_fast(blocks, turn, site, sd_radps)
+    mean_rate_radps = float(np.mean(np.linalg.norm(angle, axis=1))) / interval_s
+    sd_radps = _stated_rate_sd(errors, duration_s, mean_rate_radps)
+    excess_radps = EARTH_RATE_RADPS
+    if sd_radps is not None:
+        excess_radps = max(excess_radps, _SIGMAS * sd_radps)
+    elif may_turn:
+        excess_radps = TURNING_TOLERANCE * EARTH_RATE_RADPS + TURNING_SHARE * mean_rate_radps
+    _refuse_fast(blocks, turn, site, excess_radps)
     felt = _felt(blocks, turn)
-    if felt.velocity_rms > VELOCITY_LIMIT_MPS:
+    limit_mps = VELOCITY_LIMIT_MPS + _velocity_of_errors(gravity, excess_radps, duration_s, may_turn)
+    if felt.velocity_rms > limit_mps:
         raise NoSolutionError(
             f"the body is not at rest: beside gravity its velocity changes by {felt.velocity_rms:.3g} m/s"
-            f" root mean square, and up to {VELOCITY_LIMIT_MPS:g} are taken as shaking; select a part at rest"
-            f" with --from and --until"
+            f" root mean square, and up to {limit_mps:.3g} are taken as shaking; select a part at rest with --from"
+            f" and --until"
         )
     if felt.tilt - _SIGMAS * felt.tilt_sd > TILT_LIMIT:
         raise NoSolutionError(
@@ -210,12 +229,12 @@ def check_record(
         turned_rad=turned,
         velocity_rms_mps=felt.velocity_rms,
     )
-    if not may_turn and turned > TURN_LIMIT_RAD:
+    if not may_turn and turned > TURN_LIMIT_RAD + excess_radps * duration_s:
         raise NoSolutionError(
             f"the body turns: at {when_s:.4g} s it stands {np.degrees(turned):.0f} degrees from its start;"
             f" select a part at rest with --from and --until, or take a method for several positions"
         )
-    _refuse_wrong_rate(figures, site, sd_radps)
+    _refuse_wrong_rate(figures, site, sd_radps, excess_radps)
     return figures
 
 
@@ -301,7 +320,9 @@ def _ceiling(column: np.ndarray) -> tuple[float, float] | None:
         below = values[~at]
         second = float(below.max())
         n_second = int(np.count_nonzero(below > second - near))
-        if n_top >= 3 * n_second and top - second < spread / 8.0:
+        # Single turns or knocks far off all the rest are no clipping of it either.
+        inside = top - sign * (high if sign > 0.0 else low) < 2.0 * spread
+        if n_top >= 3 * n_second and top - second < spread / 8.0 and inside:
             return sign * top, n_top / len(values)
     return None
 
@@ -350,11 +371,12 @@ def _refuse_wrong_force(gravity: float, site: Site, interval_s: float, errors: I
     looks = {
         g: "looks like m/s^2 taken as g",
         1.0 / g: "looks like g taken as m/s^2",
-        1e3: "looks like units taken as thousands of them",
-        1e-3: "looks like thousandths (mg) taken as g, or g as mg",
+        1e3: "looks like mg taken as g",
+        1e-3: "looks like g taken as mg",
         1e6: "looks like ug taken as g",
         1e-6: "looks like g taken as ug",
-        1e-3 / g: "looks like g taken as mm/s^2",
+        1e3 / g: "looks like mg taken as m/s^2",
+        1e-3 * g: "looks like m/s^2 taken as mg",
         1.0 / 0.3048: "looks like feet taken as metres",
         0.3048: "looks like metres taken as feet",
         1.0 / interval_s: "looks like forces taken as velocity increments",
@@ -362,9 +384,8 @@ def _refuse_wrong_force(gravity: float, site: Site, interval_s: float, errors: I
         2.0: "looks like a range of the sensor twice too large",
         0.5: "looks like a range of the sensor half of the true one",
     }
-    guess = next(
-        (f", which {what}" for factor, what in looks.items() if abs(ratio / factor - 1.0) < 0.03), ""
-    )
+    nearest = min(looks, key=lambda factor: abs(ratio / factor - 1.0))
+    guess = f", which {looks[nearest]}" if abs(ratio / nearest - 1.0) < tolerance else ""
     said = f"{100.0 * (ratio - 1.0):+.1f} %" if abs(ratio - 1.0) < 0.5 else f"a factor of {ratio:.4g}"
     raise NoSolutionError(
         f"the accelerometers feel {gravity:.4g} m/s^2 where gravity is {site.gravity_mps2:.4f}"
@@ -391,6 +412,17 @@ class _Felt(NamedTuple):
     tilt: float
     """How many times as far as the gyros say the accelerometers feel the body tilt."""
     tilt_sd: float
+
+
+def _velocity_of_errors(gravity: float, rate_radps: float, duration_s: float, may_turn: bool) -> float:
+    """What a rate that is none leaves of gravity over the parabola, root mean square.
+
+    It leads gravity around a circle, whose next term is g w^2 t^3 / 6; of a body that turns it changes its
+    direction at once, which leaves a share of g w t^2 / 2.
+    """
+    length_s = min(duration_s, SEGMENT_S)
+    circle = 0.0032 * gravity * rate_radps**2 * length_s**3
+    return circle + (0.03 * gravity * rate_radps * length_s**2 if may_turn else 0.0)
 
 
 def _turns(blocks: InertialIncrements) -> np.ndarray:
@@ -503,9 +535,7 @@ def _felt(blocks: InertialIncrements, turn: np.ndarray) -> _Felt:
     )
 
 
-def _refuse_fast(
-    blocks: InertialIncrements, turn: np.ndarray, site: Site, stated_sd_radps: float | None
-) -> None:
+def _refuse_fast(blocks: InertialIncrements, turn: np.ndarray, site: Site, excess_radps: float) -> None:
     """Gyros that turn gravity much faster than the Earth does: a wrong factor.
 
     Looked at in parts so short that even then gravity turns by little in each.
@@ -517,18 +547,15 @@ def _refuse_fast(
     parts = [_fit(blocks, turn, k, min(n, k + size)) for k in range(0, max(1, n - size + 1), size)]
     horizontal = float(np.median([part.horizontal for part in parts]))
     sd = float(np.median([part.horizontal_sd for part in parts]))
-    allowed = (
-        2.0 * RATE_TOLERANCE * EARTH_RATE_RADPS if stated_sd_radps is None else _SIGMAS * stated_sd_radps
-    )
-    if horizontal > site.horizontal_rate_radps + max(allowed, EARTH_RATE_RADPS) + _SIGMAS * sd:
+    if horizontal > site.horizontal_rate_radps + excess_radps + _SIGMAS * sd:
         raise NoSolutionError(_wrong_factor(horizontal / site.horizontal_rate_radps, horizontal, site))
 
 
 _FACTORS = {
     180.0 / np.pi: "looks like degrees taken as radians",
     np.pi / 180.0: "looks like radians taken as degrees",
-    3600.0: "looks like an hour taken as a second",
-    1.0 / 3600.0: "looks like a second taken as an hour",
+    3600.0: "looks like deg/h taken as deg/s, or arcsec as degrees",
+    1.0 / 3600.0: "looks like deg/s taken as deg/h, or degrees as arcsec",
     60.0: "looks like minutes of arc taken as degrees",
     1.0 / 60.0: "looks like degrees taken as minutes of arc",
     1e3: "looks like thousandths taken as whole units",
@@ -565,10 +592,13 @@ def _turned(blocks: InertialIncrements, turn: np.ndarray, felt: _Felt, site: Sit
     return float(angle[k]), float(blocks.time_s[k])
 
 
-def _refuse_wrong_rate(figures: RecordFigures, site: Site, stated_sd_radps: float | None) -> None:
+def _refuse_wrong_rate(
+    figures: RecordFigures, site: Site, stated_sd_radps: float | None, excess_radps: float
+) -> None:
     """An Earth rate that is not felt, or not where the latitude says."""
+    turning = figures.vertical_rate_radps is None
     if stated_sd_radps is None:
-        allowed = RATE_TOLERANCE * EARTH_RATE_RADPS
+        allowed = excess_radps if turning else RATE_TOLERANCE * EARTH_RATE_RADPS
     else:
         allowed = max(LEAST_RATE_TOLERANCE * EARTH_RATE_RADPS, _SIGMAS * stated_sd_radps)
     expected = site.horizontal_rate_radps
@@ -577,7 +607,9 @@ def _refuse_wrong_rate(figures: RecordFigures, site: Site, stated_sd_radps: floa
     if figures.vertical_rate_radps is not None and figures.vertical_rate_sd_radps is not None:
         off.append(figures.vertical_rate_radps + float(site.earth_rate_ned_radps[2]))
         noise = float(np.hypot(noise, figures.vertical_rate_sd_radps))
-    if float(np.linalg.norm(off)) <= np.hypot(allowed, _SIGMAS * noise):
+    least = 0.25 * expected if turning and stated_sd_radps is None else 0.0
+    too_little = figures.horizontal_rate_radps + _SIGMAS * noise < least
+    if not too_little and float(np.linalg.norm(off)) <= np.hypot(allowed, _SIGMAS * noise):
         return
     felt = figures.horizontal_rate_radps if figures.earth_rate_radps is None else figures.earth_rate_radps
     whole = expected if figures.earth_rate_radps is None else EARTH_RATE_RADPS
