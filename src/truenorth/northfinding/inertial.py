@@ -439,9 +439,10 @@ def align_inertial(
     -------
     NorthSolution
         At the end of the record. `measured` holds ``gravity_mps2``, ``residual_mps`` (horizontal, rms, of
-        mean velocities), ``shaking_mps`` (of one mean), ``gyro_random_walk_deg_per_sqrt_h`` and
-        ``accel_random_walk_mps_per_sqrt_h`` (as seen or stated), ``bumps`` (intervals that count less), and
-        of the first two forms ``horizontal_rate_dph`` and ``latitude_deg``, as the bend of the velocity says.
+        mean velocities, without their bends), ``shaking_mps`` (of one mean), and as seen or stated
+        ``gyro_random_walk_deg_per_sqrt_h`` and ``accel_random_walk_mps_per_sqrt_h``; ``bumps`` (intervals
+        that count less), and of the first two forms ``horizontal_rate_dph`` and ``latitude_deg``, as the bend
+        of the velocity says.
 
     Raises
     ------
@@ -460,7 +461,8 @@ def align_inertial(
     felt, rot_b0_from_b = _felt_path(blocks)
     number = len(blocks.angle_rad)
     counts = np.arange(FEWEST_INTERVALS, number + 1) if running else np.array([number])
-    problem, left = _with_noise(felt, site, counts, errors)
+    problem, left = _plain_problem(felt, site)
+    problem = problem._replace(counts=counts, noise=_seen_noise(problem, left, errors))
     fit = FORMS[form](problem)
     duration = felt.time_s[counts]
     rot_n_from_n0 = exp_so3(np.multiply.outer(-duration, site.earth_rate_ned_radps))
@@ -543,36 +545,40 @@ def _blocks(increments: InertialIncrements, interval_s: float) -> InertialIncrem
     return compress_increments(ending, samples)
 
 
-def _with_noise(
-    felt: _Path, site: Site, counts: np.ndarray, errors: ImuDescription | None
-) -> tuple[_Problem, np.ndarray]:
-    """The problem with the noise that a first fit shows, and the residuals of that fit, shape (n, 3)."""
+def _plain_problem(felt: _Path, site: Site) -> tuple[_Problem, np.ndarray]:
+    """All intervals, bumps marked, noise not known; and what a first fit leaves, shape (n, 3)."""
     number = len(felt.time_s) - 1
     expected = _expected_path(site, felt.time_s)
-    interval_s = float(np.mean(np.diff(felt.time_s)))
-    plain = _Problem(
-        felt,
-        expected,
-        np.array([number]),
-        np.ones(number),
-        VelocityNoise(interval_s, 1.0, 0.0, 0.0),
-        site.gravity_mps2,
-    )
+    noise = VelocityNoise(float(np.mean(np.diff(felt.time_s))), 0.0, 0.0, 0.0)
+    problem = _Problem(felt, expected, np.array([number]), np.ones(number), noise, site.gravity_mps2)
     for _ in range(2):
         # Bumps show best where they do not bend the fit.
-        rot = _velocity_fit(plain).rot_n0_from_b0[0]
+        rot = _velocity_fit(problem).rot_n0_from_b0[0]
         left = felt.mean_velocity_mps @ rot.T - expected.mean_velocity_mps
-        plain = plain._replace(factors=bump_factors(left[:, :2]))
+        problem = problem._replace(factors=bump_factors(left[:, :2]))
+    return problem, left
+
+
+def _seen_noise(problem: _Problem, left: np.ndarray, errors: ImuDescription | None) -> VelocityNoise:
+    """Noise that the residuals show, and the statement says."""
     gyro, accelerometer = (None, 0.0) if errors is None else _stated_walks(errors)
-    noise = estimate_noise(
+    return estimate_noise(
         left[:, :2],
-        interval_s,
-        site.gravity_mps2,
-        plain.factors,
+        problem.noise.interval_s,
+        problem.gravity_mps2,
+        problem.factors,
         angle_walk_rad_per_sqrt_s=gyro,
         velocity_walk_mps_per_sqrt_s=accelerometer,
     )
-    return plain._replace(counts=counts, noise=noise), left
+
+
+def _without_bend(left: np.ndarray, factors: np.ndarray) -> np.ndarray:
+    """Horizontal residuals without offset, slope and bend, shape (n, 2)."""
+    trend = np.vander(np.linspace(-1.0, 1.0, len(left)), 3)
+    weight = 1.0 / np.sqrt(factors)[:, None]
+    return np.asarray(
+        left[:, :2] - trend @ np.linalg.lstsq(weight * trend, weight * left[:, :2], rcond=None)[0]
+    )
 
 
 def _stated_walks(errors: ImuDescription) -> tuple[float, float]:
@@ -622,22 +628,27 @@ def _measured(problem: _Problem, fit: _Fit, site: Site, left: np.ndarray) -> dic
     felt, expected = (
         path.velocity_mps - path.velocity_mps.mean(axis=0) for path in (problem.felt, problem.expected)
     )
-    horizontal = left[:, :2] - left[:, :2].mean(axis=0)
     measured = {
         "gravity_mps2": site.gravity_mps2 * float(np.linalg.norm(felt) / np.linalg.norm(expected)),
-        "residual_mps": float(np.sqrt(np.mean(horizontal**2))),
+        "residual_mps": float(np.sqrt(np.mean(_without_bend(left, problem.factors) ** 2))),
         "shaking_mps": noise.shaking_mps,
         "gyro_random_walk_deg_per_sqrt_h": 60.0 * float(np.degrees(noise.angle_walk_rad_per_sqrt_s)),
         "accel_random_walk_mps_per_sqrt_h": 60.0 * noise.velocity_walk_mps_per_sqrt_s,
     }
     if fit.bend_mps2_per_s is not None:
-        # The bend towards east, in the middle of the record, is gravity times the horizontal Earth rate.
-        turned = exp_so3(-0.5 * problem.felt.time_s[-1] * site.earth_rate_ned_radps) @ fit.bend_mps2_per_s[-1]
-        horizontal_radps = site.horizontal_rate_radps + turned[1] / site.gravity_mps2
+        horizontal_radps = _horizontal_rate_radps(problem, fit, site)
         measured["horizontal_rate_dph"] = horizontal_radps / _DPH
         latitude = np.arccos(np.clip(horizontal_radps / EARTH_RATE_RADPS, -1.0, 1.0))
         measured["latitude_deg"] = float(np.degrees(np.copysign(latitude, site.latitude_rad)))
     return measured
+
+
+def _horizontal_rate_radps(problem: _Problem, fit: _Fit, site: Site) -> float:
+    """Horizontal Earth rate that the bend of the velocity towards east says."""
+    assert fit.bend_mps2_per_s is not None  # of the form velocity-fit
+    to_middle = exp_so3(-0.5 * problem.felt.time_s[-1] * site.earth_rate_ned_radps)
+    bend = to_middle @ fit.bend_mps2_per_s[-1]
+    return float(site.horizontal_rate_radps + bend[1] / site.gravity_mps2)
 
 
 def estimate_latitude(
@@ -678,28 +689,24 @@ def estimate_latitude(
     """
     blocks = _blocks(increments, interval_s)
     felt, _ = _felt_path(blocks)
-    number = len(blocks.angle_rad)
     found = []
     for sign in (1.0, -1.0):
         latitude = sign * np.radians(45.0)
         for _ in range(LATITUDE_STEPS):
             site = Site(latitude, longitude_rad, height_m)
-            problem, left = _with_noise(felt, site, np.array([number]), errors)
+            problem, left = _plain_problem(felt, site)
             fit = _velocity_fit(problem)
-            measured = _measured(problem, fit, site, left)
-            ratio = measured["horizontal_rate_dph"] * _DPH / EARTH_RATE_RADPS
+            ratio = _horizontal_rate_radps(problem, fit, site) / EARTH_RATE_RADPS
             latitude = sign * min(float(np.arccos(np.clip(ratio, -1.0, 1.0))), LAST_LATITUDE_RAD)
-        time = np.linspace(-1.0, 1.0, number)
-        smooth = np.polynomial.polynomial.polyvander(time, 2) / np.sqrt(problem.factors)[:, None]
-        white = left[:, :2] / np.sqrt(problem.factors)[:, None]
-        misfit = white - smooth @ np.linalg.lstsq(smooth, white, rcond=None)[0]
-        found.append((float(np.sum(misfit**2)), ratio, site, problem, fit))
-    _, ratio, site, problem, fit = min(found, key=lambda row: row[0])
+        misfit = _without_bend(left, problem.factors) ** 2 / problem.factors[:, None]
+        found.append((float(np.sum(misfit)), ratio, site, problem, fit, left))
+    _, ratio, site, problem, fit, left = min(found, key=lambda row: row[0])
     if not abs(ratio) <= 1.0 + LATITUDE_SLACK:
         raise NoSolutionError(
             f"finding the latitude: gravity was felt to turn {ratio:.3g} times as fast as the Earth; check"
             " that the platform stays in its place, axes and units"
         )
+    problem = problem._replace(noise=_seen_noise(problem, left, errors))
     lines = _noise_lines("velocity-fit", fit, problem, site, problem.noise.shaking_mps)
     # The bends towards north and east are as noisy: one is the heading, the other the latitude.
     variance = float(lines[:, -1, 2, 2].sum()) * np.cos(site.latitude_rad) ** 2
