@@ -67,7 +67,10 @@ LEVER_ARM_SD_M = 0.1
 PER_TURN = 16
 """Blocks in a turn of a carousel; the sensors' axes turn by 22 degrees in one."""
 
-MOST_BLOCKS = 800
+MOST_BLOCKS = 400
+"""What takes a few seconds to solve."""
+
+LEAST_PER_TURN = 8
 
 SHAKEN = 3.0
 """Angles within a halt that scatter by as much more than the gyro's noise: the platform moves."""
@@ -196,7 +199,7 @@ def align_positions(
     if _furthest(blocks, halt, len(halts)) < LITTLE_TURN_RAD:
         notes += (
             f"The positions differ by less than {np.degrees(LITTLE_TURN_RAD):.0f} deg, too little to tell "
-            "the gyro bias from the Earth rate: sigma is as from one position; turn by half a turn.",
+            "the gyro bias from the Earth rate: sigma is little better than from one position; turn by half a turn.",
         )
     noise = Noise(sway_mps=_sway_mps(table, stated), encoder_sd_rad=encoder_sd_rad)
     measured = {"halts": float(len(halts)), "still": float(still)}
@@ -247,7 +250,8 @@ def align_carousel(
     -------
     NorthSolution
         Attitude at the end of the record. `measured` holds ``turned_deg`` (one way plus the other),
-        ``turn_period_s``, ``sway_mps``, ``residual_ratio`` and the biases as `align_positions` has them.
+        ``turn_period_s``, ``sway_mps``, ``residual_ratio`` and the biases as `align_positions` has them,
+        those of the gyros with what misalignments and scale errors make of the turning.
 
     Raises
     ------
@@ -256,26 +260,30 @@ def align_carousel(
     ConfigError
         If the angles of the table are not one for each edge.
     """
-    coarse = _blocks(increments, 1.0)
     axis = _unit(axis_body)
-    quiet = coarse.angle_rad @ axis
-    turned = float(np.abs(quiet).sum())
     duration = float(increments.time_s[-1] - increments.time_s[0])
+    # Means over a second, in which the noise of a sample is gone.
+    second = max(1, round(1.0 / _step_s(increments)))
+    quiet = np.cumsum(increments.angle_rad @ axis)[second - 1 :: second]
+    quiet = np.abs(np.diff(quiet, prepend=0.0)) / (second * _step_s(increments))
+    rate = float(np.median(quiet)) if len(quiet) else 0.0
+    turned = float(quiet.sum()) * second * _step_s(increments)
     # Noise and bias of any gyro make much less than a third of a degree in a second.
-    if turned < 2.0 * np.pi or np.median(np.abs(quiet)) < np.radians(0.3) * _step_s(coarse):
+    if turned < 2.0 * np.pi or rate < np.radians(0.3):
         raise NoSolutionError(
             f"a carousel turns steadily, but the record of {duration:.0f} s turns by "
             f"{np.degrees(turned):.0f} deg in all about the stated axis; turn it by a whole turn or more, or "
             "use another method"
         )
-    period = 2.0 * np.pi / (float(np.median(np.abs(quiet))) / _step_s(coarse))
+    period = 2.0 * np.pi / rate
     length = period / PER_TURN
     if duration / length > MOST_BLOCKS:
         length = duration / MOST_BLOCKS
-    if length > period / 8.0:
+    if length > period / LEAST_PER_TURN:
         raise NoSolutionError(
             f"a carousel of {period:.2g} s a turn was to be solved over {duration:.0f} s, "
-            f"{duration / period:.0f} turns; give {MOST_BLOCKS // 8} turns or fewer, or turn more slowly"
+            f"{duration / period:.0f} turns; give {MOST_BLOCKS // LEAST_PER_TURN} turns or fewer, or turn more "
+            "slowly"
         )
     blocks = _blocks(increments, min(length, max(1.0, duration / BLOCKS)))
     n = len(blocks.angle_rad)
@@ -488,19 +496,19 @@ def _solution(
         duration_s=used_s,
         rot_ned_from_body=rot,
         cov_ned_rad2=wrapped_covariance(rot, budget.cov_ned_rad2),
-        measured={**measured, "sway_mps": noise.sway_mps, "residual_ratio": ratio, **_biases(found)},
+        measured={**measured, "sway_mps": noise.sway_mps, "residual_ratio": ratio, **_biases(found, method)},
         run=_run(found, site, max(ratio, 1.0) if ratio > MISFIT else 1.0) if running else None,
         budget=budget if errors is not None else None,
         notes=notes,
     )
 
 
-def _biases(found: Estimate) -> dict[str, float]:
+def _biases(found: Estimate, method: str) -> dict[str, float]:
     """Biases and their standard deviations in the units of data sheets."""
     dph, ug = np.degrees(3600.0), 1e6 / STANDARD_GRAVITY_MPS2
     values: dict[str, float] = {}
     for name, unit, factor, (mean, sd) in (
-        ("gyro", "dph", dph, found.gyro_bias()),
+        ("gyro", "dph", dph, found.gyro_bias(turning=method == "carousel")),
         ("accel", "ug", ug, found.accel_bias()),
     ):
         for i, axis in enumerate("xyz"):
@@ -684,19 +692,29 @@ def _stands_still(table: TableRecord, errors: ImuDescription) -> bool:
 def _sway_mps(table: TableRecord, errors: ImuDescription) -> float:
     """Velocity of a swaying platform: what the force scatters by beyond the noise of the accelerometers."""
     t, k = table.step_s, table.force_edges
-    # In axes that turn with the body the slow part is that of the biases, and goes with the mean of its
-    # neighbours.
-    turn = exp_so3(table.turn_rad)
-    before = np.einsum("nji,nj->ni", turn[k - 1], table.velocity_mps[k - 1] - table.position_m[k - 1] / t)
-    force = before + table.position_m[k] / t
     near = np.flatnonzero(np.diff(k) == 1)
-    near = near[:-1][np.diff(near) == 1] if len(near) > 1 else near[:0]
+    near = near[:-1][np.diff(near) == 1]
     if len(near) < 8:
         return 0.0
+    turn = exp_so3(table.turn_rad)
+    rot = np.empty((len(turn), 3, 3))
+    rot[0] = np.eye(3)
+    for j in range(1, len(turn)):
+        rot[j] = rot[j - 1] @ turn[j - 1]
+    velocity, position = (
+        np.einsum("nij,nj->ni", rot, rows) for rows in (table.velocity_mps, table.position_m)
+    )
+    force = velocity[k - 1] + (position[k] - position[k - 1]) / t
+    # Gravity and the drift of the gyros change slowly in axes that do not turn, biases turn with the body.
+    slow = (table.edge_s[k] / table.edge_s[-1])[:, None] ** np.arange(3.0)
+    columns = np.concatenate([np.kron(slow, np.eye(3)).reshape(len(k), 3, 9), rot[k]], axis=2).reshape(-1, 12)
+    force = force - (columns @ np.linalg.lstsq(columns, force.ravel(), rcond=None)[0]).reshape(-1, 3)
     bend = force[near] - 2.0 * force[near + 1] + force[near + 2]
+    # The median of the squares of a normal variable of variance one is 0.455.
     variance = float(np.median(bend**2)) / 0.455
     density = errors.accel_random_walk_mps_per_sqrt_h / 60.0
-    # Second differences of what is correlated by 2/3, 1/6 (noise) or 2, -1 (velocity) from one to the next.
+    # Second differences of what has variance 2/3 and covariance 1/6 from one to the next (noise), or 2 and
+    # -1 (velocity that is white from block to block).
     noise = density**2 * t * (6.0 * 2.0 / 3.0 - 8.0 / 6.0)
     # A median of some hundred squares scatters by a tenth or two.
     return float(np.sqrt((variance - noise) / 20.0)) if variance > 1.6 * noise else 0.0

@@ -6,7 +6,7 @@ integrated attitude at the k-th edge is
 
 .. math:: \varphi_k = \varphi_0 + \sum_{j<k} \bar C_j\,e_j,
 
-:math:`e_j` the error of the gyros over block j in body axes and :math:`\bar C_j` the mean attitude in it.
+:math:`e_j` the error of the gyros over block j in the axes of its middle, :math:`\bar C_j`.
 What ought to be zero and is observed:
 
 * *force*: the horizontal part of the mean specific force around edge k, from second differences of the
@@ -60,7 +60,7 @@ DRIFT = ("gyro bias", "gyro bias instability", "rate random walk", "gyro g-sensi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Source:
-    """One source of error: what it does per block to the gyros and accelerometers, in body axes.
+    """One source of error: what it does per block to the gyros and accelerometers, in axes of its middle.
 
     Parameters
     ----------
@@ -176,7 +176,10 @@ class Geometry:
             rot[k + 1] = rot[k] @ steps[k]
         self.table, self.gravity = table, gravity
         self.rot = rot
-        self.mean_rot = rot[:-1] @ _mean_turn(turn)
+        half = exp_so3(0.5 * turn)
+        self.mid_rot = rot[:-1] @ half
+        # What is constant in axes that turn is shorter in those of the middle; white noise is not.
+        self.shrink = np.swapaxes(half, -1, -2) @ _mean_turn(turn)
         self.earth = exp_so3(table.edge_s[:, None] * earth_radps)
         self.axis = rot[0] @ table.axis_body
         blocks, edges = table.rest_blocks, table.force_edges
@@ -212,19 +215,19 @@ class Geometry:
         return np.asarray(log_so3(still[edges[1:]] @ np.swapaxes(expected, -1, -2)) @ self.axis)
 
     def respond(self, gyro: np.ndarray | None, accel: np.ndarray | None) -> np.ndarray:
-        """Observations for errors per block, in the starting frame.
+        """Observations for errors per block.
 
         Parameters
         ----------
         gyro, accel : ndarray, shape (n, 3, q), or None
-            Angles and velocities.
+            Angles and velocities in the starting frame.
 
         Returns
         -------
         ndarray, shape (m, q)
         """
         columns = (gyro if gyro is not None else accel).shape[-1]  # type: ignore[union-attr]
-        n = len(self.mean_rot)
+        n = len(self.mid_rot)
         angle = np.zeros((n + 1, 3, columns))
         if gyro is not None:
             np.cumsum(gyro, axis=0, out=angle[1:])
@@ -445,10 +448,10 @@ class Model:
         self, geometry: Geometry, sources: list[Source], white: list[tuple[str, str, np.ndarray]]
     ) -> None:
         self.geometry, self.sources, self.white = geometry, sources, white
-        n = len(geometry.mean_rot)
+        n = len(geometry.mid_rot)
         wide = np.zeros((n, 3, 3 * n))
         for i in range(3):
-            wide[np.arange(n), :, 3 * np.arange(n) + i] = geometry.mean_rot[:, :, i]
+            wide[np.arange(n), :, 3 * np.arange(n) + i] = geometry.mid_rot[:, :, i]
         self.by_gyro = geometry.respond(wide, None).reshape(-1, n, 3)
         self.by_accel = geometry.respond(None, wide).reshape(-1, n, 3)
         m = len(self.by_gyro)
@@ -469,7 +472,7 @@ class Model:
         covariance += with_accel.reshape(flat) @ self.by_accel.reshape(flat).T
         self._lower = np.linalg.cholesky(0.5 * (covariance + covariance.T))
         self.start = self.whiten(geometry.start_columns())
-        self.turn = np.swapaxes(geometry.mean_rot, 0, 1)
+        self.turn = np.swapaxes(geometry.mid_rot, 0, 1)
         """What the errors of the gyros add to the attitude error at the end, shape (3, n, 3)."""
         self.all_gyro = with_gyro
 
@@ -591,7 +594,7 @@ class Model:
         """
         n = self.by_gyro.shape[1]
         m = len(observed)
-        rot = self.geometry.mean_rot
+        rot = self.geometry.mid_rot
         turned = np.einsum("mnj,nij->mni", self.all_gyro, rot, optimize=True)
         added = self.whiten(np.cumsum(turned, axis=1).reshape(m, 3 * n)).reshape(m, n, 3)
         white = self.whiten(observed)
@@ -632,16 +635,19 @@ class Estimate:
         At the end of the record.
     model : Model
         At the estimate.
+    errors : ImuDescription
+        What was stated.
     observed : ndarray, shape (m,)
         What ought to be zero there.
     left : ndarray, shape (m,)
         What the fit leaves of it, whitened.
     gyro_rad : ndarray, shape (n, 3)
-        Errors of the gyros that were taken out, per block.
+        Errors of the gyros that were taken out, per block, in axes of its middle.
     """
 
     rot_ned_from_body: np.ndarray
     model: Model
+    errors: ImuDescription
     observed: np.ndarray
     left: np.ndarray
     gyro_rad: np.ndarray
@@ -651,28 +657,35 @@ class Estimate:
         """float: Root mean square of the whitened residuals; one where all is as stated."""
         return float(np.sqrt(self.left @ self.left / max(len(self.left) - 3, 1)))
 
-    def gyro_bias(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean bias of the gyros over the record, and its standard deviation, rad/s, shape (3,)."""
+    def gyro_bias(self, turning: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Mean bias of the gyros over the record, and its standard deviation, rad/s, shape (3,).
+
+        Parameters
+        ----------
+        turning : bool
+            Whether to count what the scale errors and misalignments make of the turning, which of a steady
+            turn is nothing else than a bias.
+        """
         model, table = self.model, self.model.geometry.table
-        n = len(table.turn_rad)
-        function = np.broadcast_to(np.eye(3)[:, None, :], (3, n, 3)) / (n * table.step_s)
+        names = DRIFT + (("gyro scale", "gyro misalignment") if turning else ())
+        length = len(table.turn_rad) * table.step_s
+        unshrunk = np.linalg.inv(model.geometry.shrink)
         cross = np.zeros_like(model.by_gyro)
         for source in model.sources:
-            if source.name in DRIFT:
+            if source.name in names:
                 cross += model.with_gyro(source)
-        cross = cross.sum(axis=1) / (n * table.step_s)
-        cov = model.known(cross, model.gyro_prior(function, DRIFT))
-        return model.expected(self.left, cross), np.sqrt(np.maximum(np.diag(cov), 0.0))
+        total = np.einsum("mni,nji->mj", cross, unshrunk) / length
+        function = np.swapaxes(unshrunk, 0, 1) / length
+        cov = model.known(total, model.gyro_prior(function, names))
+        return model.expected(self.left, total), np.sqrt(np.maximum(np.diag(cov), 0.0))
 
     def accel_bias(self) -> tuple[np.ndarray, np.ndarray]:
         """Turn-on bias of the accelerometers and its standard deviation, m/s^2, shape (3,)."""
-        model, t = self.model, self.model.geometry.table.step_s
+        model, sd = self.model, _UG * self.errors.accel_bias_sd_ug
         for source in model.sources:
             if source.name == "accelerometer bias" and source.accel is not None:
-                columns = source.accel / t
-                sd = columns[0].diagonal()
                 cross = np.tensordot(model.by_accel, source.accel, 2) * sd
-                cov = model.known(cross, np.diag(sd**2))
+                cov = model.known(cross, sd**2 * np.eye(3))
                 return model.expected(self.left, cross), np.sqrt(np.maximum(np.diag(cov), 0.0))
         return np.zeros(3), np.zeros(3)
 
@@ -681,7 +694,7 @@ class Estimate:
         geometry = self.model.geometry
         error, cov = self.model.running(self.observed)
         taken = np.zeros_like(error)
-        taken[1:] = np.cumsum(np.einsum("nij,nj->ni", geometry.mean_rot, self.gyro_rad), axis=0)
+        taken[1:] = np.cumsum(np.einsum("nij,nj->ni", geometry.mid_rot, self.gyro_rad), axis=0)
         back = np.swapaxes(geometry.earth, -1, -2)
         rot = back @ exp_so3(-(error - taken)) @ geometry.rot
         return rot, back @ cov @ geometry.earth
@@ -717,7 +730,14 @@ def model_of(
         What is known of the platform and the table.
     """
     geometry = Geometry(table, start, earth_radps, site.gravity_mps2, gyro_rad)
-    sources = _sources(table, errors, table.turn_rad - gyro_rad)
+    sources = [
+        replace(
+            source,
+            gyro=None if source.gyro is None else geometry.shrink @ source.gyro,
+            accel=None if source.accel is None else geometry.shrink @ source.accel,
+        )
+        for source in _sources(table, errors, table.turn_rad - gyro_rad)
+    ]
     lat = site.latitude_rad
     change = EARTH_RATE_RADPS * np.array([-np.sin(lat), 0.0, -np.cos(lat)])
     wrong = site.latitude_sd_rad * table.edge_s[:, None, None] * change[None, :, None]
@@ -780,15 +800,16 @@ def estimate(table: TableRecord, site: Site, errors: ImuDescription, noise: Nois
         else:
             model.geometry = Geometry(table, start, earth, site.gravity_mps2, gyro_rad)
         geometry = model.geometry
-        observed = geometry.residuals() + np.tensordot(model.by_gyro, gyro_rad, 2)
+        taken = np.einsum("nij,nj->ni", geometry.shrink, gyro_rad)
+        observed = geometry.residuals() + np.tensordot(model.by_gyro, taken, 2)
         turn, left = model.fit(observed)
         if round_ == 3 or (round_ == 2 and np.max(np.abs(turn)) < 1e-7):
             break
         start = exp_so3(-turn) @ start
-        gyro_rad = model.expected(left, slow)
-    error = model.gain @ observed - np.tensordot(model.turn, gyro_rad, 2)
+        gyro_rad = np.linalg.solve(geometry.shrink, model.expected(left, slow)[:, :, None])[:, :, 0]
+    error = model.gain @ observed - np.tensordot(model.turn, taken, 2)
     end = geometry.earth[-1].T @ exp_so3(-error) @ geometry.rot[-1]
-    return Estimate(end, model, observed, left, gyro_rad)
+    return Estimate(end, model, errors, observed, left, taken)
 
 
 def _coarse(
@@ -807,7 +828,8 @@ def _coarse(
     geometry = model.geometry
     rates = geometry.observe(table.edge_s[:, None, None] * np.eye(3)[None, :, :2], None)
     columns = np.hstack([model.start[:, :2], model.whiten(rates)])
-    white = model.whiten(geometry.residuals() + np.tensordot(model.by_gyro, gyro_rad, 2))
+    taken = np.einsum("nij,nj->ni", geometry.shrink, gyro_rad)
+    white = model.whiten(geometry.residuals() + np.tensordot(model.by_gyro, taken, 2))
     normal = columns.T @ columns
     found = np.linalg.solve(normal, columns.T @ white)
     # Of all headings the one whose Earth rate fits best, whatever the level then is.
