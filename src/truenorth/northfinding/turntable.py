@@ -24,7 +24,7 @@ ch. 5.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import msgspec
@@ -226,7 +226,7 @@ def find_north_turntable(
     harmonics: int = 1,
     max_vibrations: int = 4,
     speed_terms: bool = True,
-    required_heading_sd_rad: float | None = None,
+    required_heading_sd_rad: float = np.radians(1.0),
 ) -> TurntableNorth:
     """Heading of a platform from the log of its rotating accelerometer.
 
@@ -255,8 +255,8 @@ def find_north_turntable(
         begin at the mark.
     harmonics, max_vibrations, speed_terms
         As in `truenorth.northfinding.turntable_fit.fit_harmonic`.
-    required_heading_sd_rad : float, optional
-        What the heading is needed for: the verdict tells whether it can be had.
+    required_heading_sd_rad : float
+        Sigma that is needed: the verdict tells whether the described device has it here in this time.
 
     Returns
     -------
@@ -380,7 +380,6 @@ def find_north_turntable(
             mark_sd_rad=mark_sd_rad,
         )
     noise = fits[0].noise
-    per_turn = sensors[0].samples_per_revolution
     measured = {
         "amplitude_mps2": amplitude,
         "expected_amplitude_mps2": expected,
@@ -427,7 +426,7 @@ def find_north_turntable(
         crlb_rad=float(np.sqrt(2.0 / length) * noise.signal_sd / expected),
         fits=fits,
     )
-    return _judged(solution, required_heading_sd_rad, per_turn)
+    return _judged(solution, required_heading_sd_rad)
 
 
 def turntable_budget(
@@ -768,33 +767,30 @@ def _check_signal(amplitude: float, expected: float, amplitude_sd: float, site: 
         )
 
 
-def _judged(solution: TurntableNorth, required_rad: float | None, per_turn: int) -> TurntableNorth:
+def _judged(solution: TurntableNorth, required_rad: float) -> TurntableNorth:
     """The solution with its verdict."""
-    from dataclasses import replace
-
     measured_sd = solution.heading_sd_rad
-    achievable = measured_sd if solution.budget is None else float(solution.budget.angle_sd_rad()[0])
-    able = None if required_rad is None else bool(achievable <= required_rad)
+    budget = solution.budget
+    achievable = measured_sd if budget is None else float(budget.angle_sd_rad()[0])
     n = len(solution.revolution_heading_rad)
-    where = f"at latitude {np.degrees(solution.site.latitude_rad):.2f}"
-    sentence = (
-        f"A heading sigma of {np.degrees(achievable):.3g} deg is "
-        f"{'measured' if solution.budget is None else 'predicted'} {where} from {n} revolutions in "
+    where = (
+        f"at latitude {np.degrees(solution.site.latitude_rad):.2f} after {n} revolutions, "
         f"{solution.duration_s:.3g} s"
     )
-    if solution.budget is not None:
-        sentence += f", most of it from {solution.budget.lines[0].source}"
-    if required_rad is not None:
-        sentence += (
-            f"; {np.degrees(required_rad):.3g} deg are demanded: the sensor can"
-            f"{'' if able else 'not'} find north here in this time"
+    if budget is None:
+        able = None
+        sentence = (
+            f"The heading has a sigma of {np.degrees(achievable):.3g} deg {where}, by the noise of this "
+            "record; what the sensor can do is open, for its errors are not stated"
+        )
+    else:
+        able = bool(achievable <= required_rad)
+        sentence = (
+            f"The stated errors give a heading sigma of {np.degrees(achievable):.3g} deg {where}, most of it "
+            f"from {budget.lines[0].source}; {np.degrees(required_rad):.3g} deg are asked for"
         )
         noise = solution.revolution_sd_rad**2
-        floor = max(0.0, measured_sd**2 - noise / max(1, n))
-        if not able and floor < required_rad**2:
-            needed = int(np.ceil(noise / (required_rad**2 - floor)))
-            sentence += f", with {needed} revolutions it could"
-    return replace(
-        solution,
-        verdict=Verdict(able, sentence + ".", achievable, np.nan if required_rad is None else required_rad),
-    )
+        left = required_rad**2 - max(0.0, achievable**2 - noise / n)
+        if not able and left > 0.0:
+            sentence += f", which takes {int(np.ceil(noise / left))} revolutions"
+    return replace(solution, verdict=Verdict(able, sentence + ".", achievable, required_rad))
