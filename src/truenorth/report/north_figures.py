@@ -93,15 +93,14 @@ def _plot_run(solution, part, drawn):
 
 
 def _limits(time_s, value, sd, final):
-    """Scale about the result that shows what is settled; the start leaves the panel."""
+    """Scale that shows what is settled, with room for the band at the end; the start leaves the panel."""
     late = time_s >= time_s[0] + _SETTLED * (time_s[-1] - time_s[0])
-    reach = float(np.max(np.abs(value[late] - final)))
     known = sd[late][np.isfinite(sd[late])]
-    if len(known):
-        # The band at the end takes a good part of the height; where it is wider it may leave as well.
-        reach = max(reach + 1.0 * float(np.median(known)), 4.0 * float(known[-1]))
-    reach = min(1.1 * reach, 180.0) or 1e-6
-    return final - reach, final + reach
+    usual, last = (float(np.median(known)), float(known[-1])) if len(known) else (0.0, 0.0)
+    low = max(min(value[late].min() - usual, final - 4.0 * last), final - 180.0)
+    high = min(max(value[late].max() + usual, final + 4.0 * last), final + 180.0)
+    margin = 0.08 * (high - low) or 1e-6
+    return low - margin, high + margin
 
 
 def _label_angles(ax, wraps):
@@ -147,7 +146,7 @@ def _plot_sigmas(solution, ax, drawn):
             linewidth=1.0,
             label="heading asked for",
         )
-    if verdict is not None and np.isfinite(verdict.achievable_heading_sd_rad):
+    if verdict is not None and solution.budget is not None and np.isfinite(verdict.achievable_heading_sd_rad):
         ax.axhline(
             np.degrees(verdict.achievable_heading_sd_rad),
             color=ANGLE_COLORS["heading"],
@@ -247,6 +246,7 @@ def _bars(ax, place, value, color, height, label=None):
             ha="left" if np.isfinite(x) else "right",
             color="0.6" if nothing else "black",
             fontsize="small" if height > 0.5 else "x-small",
+            bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 0.5},
         )
 
 

@@ -184,7 +184,9 @@ def sigma_word(value):
         return "0"
     if value < 1e-6:
         return f"{value:.1e}"
-    return f"{value:.{max(0, 1 - math.floor(math.log10(value)))}f}"
+    # Rounded first: 0.0999 is 0.10, not 0.100.
+    exponent = int(f"{value:.1e}".partition("e")[2])
+    return f"{value:.{max(0, 1 - exponent)}f}"
 
 
 def quantity_words(name, value):
