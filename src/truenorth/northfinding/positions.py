@@ -72,6 +72,9 @@ MOST_BLOCKS = 400
 
 LEAST_PER_TURN = 8
 
+LOST_DEG = 30.0
+"""Drift of a gyro on a carousel beyond which its turns cannot be followed without an encoder."""
+
 SHAKEN = 3.0
 """Angles within a halt that scatter by as much more than the gyro's noise: the platform moves."""
 
@@ -199,7 +202,8 @@ def align_positions(
     if _furthest(blocks, halt, len(halts)) < LITTLE_TURN_RAD:
         notes += (
             f"The positions differ by less than {np.degrees(LITTLE_TURN_RAD):.0f} deg, too little to tell "
-            "the gyro bias from the Earth rate: sigma is little better than from one position; turn by half a turn.",
+            "the gyro bias from the Earth rate: sigma is little better than from one position; turn by half "
+            "a turn.",
         )
     noise = Noise(sway_mps=_sway_mps(table, stated), encoder_sd_rad=encoder_sd_rad)
     measured = {"halts": float(len(halts)), "still": float(still)}
@@ -282,8 +286,8 @@ def align_carousel(
     if length > period / LEAST_PER_TURN:
         raise NoSolutionError(
             f"a carousel of {period:.2g} s a turn was to be solved over {duration:.0f} s, "
-            f"{duration / period:.0f} turns; give {MOST_BLOCKS // LEAST_PER_TURN} turns or fewer, or turn more "
-            "slowly"
+            f"{duration / period:.0f} turns; give {MOST_BLOCKS // LEAST_PER_TURN} turns or fewer, or turn "
+            "more slowly"
         )
     blocks = _blocks(increments, min(length, max(1.0, duration / BLOCKS)))
     n = len(blocks.angle_rad)
@@ -302,6 +306,17 @@ def align_carousel(
         edges = np.arange(0, n + 1, max(1, PER_TURN // 4))
         angles = given[::samples][: n + 1][edges]
     table = _record(blocks, np.full(n, -1), edges, angles, axis, fixed_axis=wobble_rad is not None)
+    if errors is not None and table_angle_rad is None:
+        drift = errors.gyro_bias_sd_dph / 3600.0 * duration
+        scaled = (
+            1e-6 * errors.gyro_scale_sd_ppm * np.degrees(abs(float(increments.angle_rad.sum(axis=0) @ axis)))
+        )
+        if np.hypot(drift, scaled) > LOST_DEG:
+            raise NoSolutionError(
+                f"over {duration:.0f} s on the carousel a gyro as stated may lose its heading by "
+                f"{np.hypot(drift, scaled):.0f} deg; give the angles of the table, or turn for a "
+                "shorter time"
+            )
     stated = errors if errors is not None else _free_errors(table)
     noise = Noise(
         sway_mps=_sway_mps(table, stated),
