@@ -160,6 +160,7 @@ def test_tables_values_and_figure(still, swaying, tmp_path):
         (lambda a, v: (np.where(np.arange(N)[:, None] == 7, np.nan, a), v), "gyro x has missing samples"),
         (lambda a, v: (a, v / GRAVITY), "feel 1 m/s.2 where gravity is 9.8"),
         (lambda a, v: (a, np.where(np.arange(N)[:, None] < N // 2, v, v[:, [2, 0, 1]])), "was tilted by"),
+        (lambda a, v: (a + (np.arange(N) // 900 == 3)[:, None] * [0.0, 0.0, 1e-3], v), "turned by"),
     ],
 )
 def test_what_cannot_be_analysed_is_refused(change, message):

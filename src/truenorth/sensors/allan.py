@@ -607,10 +607,14 @@ def _check(increments: InertialIncrements) -> float:
         )
     mean = force.mean(axis=0) / np.linalg.norm(force.mean(axis=0))
     tilt_deg = np.degrees(np.arccos(np.clip((force @ mean) / size, -1.0, 1.0)).max())
-    if tilt_deg > 5.0:
+    turned = np.array([block.sum(axis=0) for block in np.array_split(increments.angle_rad, 32)])
+    apart_deg = np.degrees(np.linalg.norm(turned - np.median(turned, axis=0), axis=1).max())
+    # The bias of a poor gyro may wander by as much, but not that fast.
+    fast = apart_deg > 5.0 and apart_deg / (n / 32.0 * interval_s) > 0.2
+    if tilt_deg > 5.0 or fast:
+        what = f"was tilted by {tilt_deg:.0f} deg" if tilt_deg > 5.0 else f"turned by {apart_deg:.0f} deg"
         raise NoSolutionError(
-            f"the unit was tilted by {tilt_deg:.0f} deg within the record, and noise shows at rest only; "
-            f"give a part at rest"
+            f"the unit {what} within the record, and noise shows at rest only; give a part at rest"
         )
     return float((increments.time_s[-1] - increments.time_s[0]) / n)
 

@@ -67,7 +67,9 @@ class Curve:
         _, deviation, _, _ = allantools.oadev(
             phase, rate=1.0 / interval_s, data_type="phase", taus=samples * interval_s
         )
-        return cls(name, kind, deviation**2, samples, interval_s, len(increments))
+        # Counts that only alternate have averages without any scatter; a logarithm needs a trace of it.
+        variance = np.maximum(deviation, 1e-9 * deviation.max()) ** 2
+        return cls(name, kind, variance, samples, interval_s, len(increments))
 
     @property
     def tau_s(self) -> np.ndarray:
