@@ -37,7 +37,7 @@ from .solution import BudgetLine, ErrorBudget, NorthRun, NorthSolution
 
 __all__ = ["align_carousel", "align_positions", "find_halts", "positions_budget", "turning_plan"]
 
-BLOCKS = 160
+BLOCKS = 100
 """About as many blocks a record becomes; shorter ones hold nothing more of a slow Earth."""
 
 HALT_S = 5.0
@@ -151,7 +151,7 @@ def align_positions(
     encoder_sd_rad : float
         Noise of the encoder.
     running : bool
-        Whether to give the estimate as it grew, after every block of a second or more.
+        Whether to give the estimate as it grew, after every second.
 
     Returns
     -------
@@ -177,7 +177,7 @@ def align_positions(
             "use a method for one position"
         )
     shortest = min(end - start for start, end in halts)
-    blocks = _blocks(increments, min(max(1.0, duration / BLOCKS), shortest / 5.0))
+    blocks = _blocks(increments, _length_s(duration, shortest / 5.0))
     halt = _in_halts(blocks.time_s, halts)
     first = np.array([np.flatnonzero(halt == k)[0] for k in range(len(halts))])
     axis = _unit(axis_body)
@@ -209,7 +209,7 @@ def align_positions(
     measured = {"halts": float(len(halts)), "still": float(still)}
     measured |= {f"turn_{k + 1}_deg": float(np.degrees(turn)) for k, turn in enumerate(turns)}
     found = estimate(table, site, stated, noise)
-    return _solution("positions", found, site, errors, noise, running, measured, notes)
+    return _solution("positions", increments, found, site, errors, noise, running, measured, notes)
 
 
 def align_carousel(
@@ -248,7 +248,7 @@ def align_carousel(
         How far the axis of the table wobbles, one sigma; None where the table itself may sway. A record that
         contradicts it is solved as with None.
     running : bool
-        Whether to give the estimate as it grew, after every block.
+        Whether to give the estimate as it grew, after every second.
 
     Returns
     -------
@@ -289,7 +289,7 @@ def align_carousel(
             f"{duration / period:.0f} turns; give {MOST_BLOCKS // LEAST_PER_TURN} turns or fewer, or turn "
             "more slowly"
         )
-    blocks = _blocks(increments, min(length, max(1.0, duration / BLOCKS)))
+    blocks = _blocks(increments, _length_s(duration, length))
     n = len(blocks.angle_rad)
     edges, angles = np.empty(0, dtype=int), np.empty(0)
     if table_angle_rad is not None:
@@ -336,7 +336,7 @@ def align_carousel(
                 "accelerometers in the inertial frame alone.",
             )
     measured = {"turned_deg": float(np.degrees(turned)), "turn_period_s": float(period)}
-    return _solution("carousel", found, site, errors, noise, running, measured, notes)
+    return _solution("carousel", increments, found, site, errors, noise, running, measured, notes)
 
 
 def turning_plan(duration_s: float, positions: int = 2, turn_s: float = 10.0) -> np.ndarray:
@@ -420,10 +420,10 @@ def positions_budget(
     ]
     moving = np.abs(np.diff(angles))
     if halts:
-        step = min(max(1.0, duration / BLOCKS), min(end - start for start, end in halts) / 5.0)
+        step = _length_s(duration, min(end - start for start, end in halts) / 5.0)
     else:
         step = max(duration * 2.0 * np.pi / moving.sum() / PER_TURN, duration / MOST_BLOCKS)
-        step = min(step, max(1.0, duration / BLOCKS))
+        step = _length_s(duration, step)
     n = max(4, round(duration / step))
     edges = np.linspace(0.0, duration, n + 1)
     table_rad = np.interp(edges, times - times[0], angles)
@@ -482,6 +482,7 @@ def _budget(model: Model, site: Site, rot: np.ndarray, residual_ratio: float) ->
 
 def _solution(
     method: str,
+    increments: InertialIncrements,
     found: Estimate,
     site: Site,
     errors: ImuDescription | None,
@@ -512,7 +513,7 @@ def _solution(
         rot_ned_from_body=rot,
         cov_ned_rad2=wrapped_covariance(rot, budget.cov_ned_rad2),
         measured={**measured, "sway_mps": noise.sway_mps, "residual_ratio": ratio, **_biases(found, method)},
-        run=_run(found, site, max(ratio, 1.0) if ratio > MISFIT else 1.0) if running else None,
+        run=_run(increments, found, site, ratio if ratio > MISFIT else 1.0) if running else None,
         budget=budget if errors is not None else None,
         notes=notes,
     )
@@ -532,22 +533,43 @@ def _biases(found: Estimate, method: str) -> dict[str, float]:
     return values
 
 
-def _run(found: Estimate, site: Site, widened: float) -> NorthRun:
-    """The estimate after every block."""
-    rot, cov = found.attitudes()
+def _run(increments: InertialIncrements, found: Estimate, site: Site, widened: float) -> NorthRun:
+    """The estimate after every second: that of the last block, carried on by the gyros."""
+    geometry = found.model.geometry
+    at_edge, cov_at_edge = found.attitudes()
     by = deflection_sensitivity(site)
-    cov = widened**2 * cov + DEFLECTION_SD_RAD**2 * by @ by.T
-    angles, sd = np.full((len(rot), 3), np.nan), np.full((len(rot), 3), np.nan)
-    for k in np.flatnonzero(np.isfinite(rot).all(axis=(1, 2))):
-        angles[k] = np.array(heading_pitch_roll(rot[k]))
-        wrapped = wrapped_covariance(rot[k], cov[k])
-        sd[k] = np.sqrt(np.maximum(np.diag(angle_covariance(rot[k][None], wrapped[None])[0]), 0.0))
-    return NorthRun(found.model.geometry.table.edge_s, angles, sd)
+    cov_at_edge = widened**2 * cov_at_edge + DEFLECTION_SD_RAD**2 * by @ by.T
+    edge_s = geometry.table.edge_s
+    seconds = _blocks(increments, min(1.0, geometry.table.step_s))
+    time_s = seconds.time_s - seconds.time_s[0]
+    time_s = time_s[time_s <= edge_s[-1] + 1e-6]
+    rot = np.empty((len(time_s), 3, 3))
+    rot[0] = np.eye(3)
+    for k, turn in enumerate(exp_so3(seconds.angle_rad[: len(time_s) - 1])):
+        rot[k + 1] = rot[k] @ turn
+    last = np.clip(np.searchsorted(edge_s, time_s + 1e-6, side="right") - 1, 0, None)
+    at_last = np.searchsorted(time_s, edge_s[last] - 1e-6)
+    since = (time_s - edge_s[last])[:, None]
+    bias = np.concatenate([found.gyro_rad, found.gyro_rad[-1:]])[last] / geometry.table.step_s
+    own = np.swapaxes(rot[at_last], -1, -2) @ rot @ exp_so3(-since * bias)
+    now = exp_so3(-since * site.earth_rate_ned_radps) @ at_edge[last] @ own
+    angles, sd = np.full((len(now), 3), np.nan), np.full((len(now), 3), np.nan)
+    for at in np.flatnonzero(np.isfinite(now).all(axis=(1, 2))):
+        angles[at] = np.array(heading_pitch_roll(now[at]))
+        cov = wrapped_covariance(now[at], cov_at_edge[last[at]])
+        sd[at] = np.sqrt(np.maximum(np.diag(angle_covariance(now[at][None], cov[None])[0]), 0.0))
+    return NorthRun(time_s, angles, sd)
 
 
 def _step_s(increments: InertialIncrements) -> float:
     """Interval of a record."""
     return float(np.median(np.diff(increments.time_s)))
+
+
+def _length_s(duration_s: float, longest_s: float) -> float:
+    """Length of a block: whole seconds, so that the estimate is known after each, or less than one."""
+    length = min(max(1.0, duration_s // BLOCKS), longest_s)
+    return float(np.floor(length)) if length > 1.0 else length
 
 
 def _blocks(increments: InertialIncrements, length_s: float) -> InertialIncrements:
