@@ -18,7 +18,7 @@ from .solution import NorthSolution, Verdict
 __all__ = ["DEFAULT_METHOD", "METHODS", "find_north"]
 
 
-def _static(form: str) -> Callable[..., NorthSolution]:
+def _static(form: Any) -> Callable[..., NorthSolution]:
     def align(increments: InertialIncrements, site: Site, **options: Any) -> NorthSolution:
         from .static import align_static
 
@@ -36,7 +36,7 @@ def _inertial(form: str) -> Callable[..., NorthSolution]:
     return align
 
 
-def _fine(updates: str) -> Callable[..., NorthSolution]:
+def _fine(updates: Any) -> Callable[..., NorthSolution]:
     def align(increments: InertialIncrements, site: Site, **options: Any) -> NorthSolution:
         from .fine import align_fine
 
@@ -144,7 +144,8 @@ def find_north(
     if solution.budget is None or errors is None:
         verdict = _unstated(solution, required_heading_sd_rad)
     else:
-        verdict = judge(solution.budget, site, solution.duration_s, required_heading_sd_rad)
+        turned = method in ("positions", "carousel")
+        verdict = judge(solution.budget, site, solution.duration_s, required_heading_sd_rad, turned=turned)
     measured = {**felt.figures(), **solution.measured}
     return dataclasses.replace(solution, method=method, verdict=verdict, measured=measured)
 

@@ -39,7 +39,7 @@ import numpy as np
 
 from ..attitude.vectors import angle_covariance
 from ..errors import ConfigError, NoSolutionError
-from ..rotations import heading_pitch_roll
+from ..rotations import heading_pitch_roll, log_so3
 from ..strapdown import InertialIncrements
 from .budget import (
     accelerometer_sensitivity,
@@ -48,8 +48,9 @@ from .budget import (
     static_budget,
     wrapped_covariance,
 )
+from .inertial import align_inertial
 from .site import Site
-from .solution import NorthRun, NorthSolution
+from .solution import BudgetLine, ErrorBudget, NorthRun, NorthSolution
 
 if TYPE_CHECKING:
     from ..sensors.imu import ImuDescription
@@ -57,6 +58,12 @@ if TYPE_CHECKING:
 __all__ = ["align_static", "direct_matrix", "two_vector_attitude"]
 
 _DPH = np.pi / 180.0 / 3600.0
+
+ROCKING_SIGMAS = 4.0
+"""Beyond so many standard deviations averages and inertial frame differ by more than noise."""
+
+LEAST_ROCKING_RAD = np.radians(0.005)
+"""Below it nobody minds; the Earth's own turn within the record makes some of it."""
 
 LEAST_BLOCKS = 5
 """Seconds that the scatter of the data needs before it is called a standard deviation."""
@@ -182,6 +189,18 @@ def align_static(
     else:
         budget = static_budget(errors, rot, site, float(elapsed[-1]), form=form)
         cov = covariance_after(errors, rot, site, elapsed, form=form)
+    rocked = _rocking_rad(increments, site, rot)
+    if rocked > 0.0:
+        rocking = np.diag([0.0, 0.0, rocked**2])
+        cov[-1] += rocking
+        words = f"{np.degrees(rocked):.2g} deg"
+        notes += (
+            f"The body did not stand still: an alignment in the inertial frame, which survives rocking, is"
+            f" {words} away from these averages; take its heading.",
+        )
+        if budget is not None:
+            line = BudgetLine("rocking of the body", words, rocking)
+            budget = ErrorBudget((line, *budget.lines), budget.rot_ned_from_body)
     cov = wrapped_covariance(rot, cov)
     run = None
     if running:
@@ -213,6 +232,21 @@ def _edges(time_s: np.ndarray) -> np.ndarray:
     instants = step_s * np.arange(1, int(elapsed[-1] / step_s + 1e-6) + 1)
     edge = np.unique(np.searchsorted(elapsed, instants + 1e-6 * step_s, side="right") - 1)
     return np.append(edge[(edge > 0) & (edge < len(elapsed) - 1)], len(elapsed) - 1)
+
+
+def _rocking_rad(increments: InertialIncrements, site: Site, rot_ned_from_body: np.ndarray) -> float:
+    """Turn about the vertical against an alignment that survives rocking; 0 where noise explains it.
+
+    A body that ends tilted by an angle against its start adds angle / time to the mean rate. The alignment in
+    the inertial frame feels no such thing, and has the same biases.
+    """
+    try:
+        other = align_inertial(increments, site, running=False)
+    except NoSolutionError:
+        return 0.0
+    off = float(log_so3(rot_ned_from_body @ other.rot_ned_from_body.T)[2])
+    noise = float(np.sqrt(other.cov_ned_rad2[2, 2]))
+    return abs(off) if abs(off) > max(ROCKING_SIGMAS * noise, LEAST_ROCKING_RAD) else 0.0
 
 
 def _check(force: np.ndarray, rate: np.ndarray) -> None:
