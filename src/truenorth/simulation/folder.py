@@ -20,6 +20,7 @@ from ..errors import FormatError
 from ..navigation import Navigation
 from ..observations import Observations, sat_name, signal_name
 from ..sensor_log import SensorLog
+from ..sensors.error_file import write_errors
 from ..timescales import format_gpst
 from .observe import AntennaSimulator
 from .run import BLOCK_EPOCHS, Simulator, join_blocks
@@ -346,6 +347,9 @@ def _write_sensors(simulator: Simulator, folder: Path) -> dict[str, tuple[Path, 
             table = folder / _TABLE_FOLDER / f"{name}.parquet"
             table.parent.mkdir(exist_ok=True)
             write_table(table, log.truth)
+    for unit in simulator.scenario.sensors.imu:
+        # What `truenorth northfind --errors` reads: this unit's own description.
+        write_errors(unit, folder / "sensors" / f"{unit.name}-errors.toml")
     if simulator.scenario.output.native_sensors:
         _write_native(logs, paths)
     return {name: tuple(written) for name, written in paths.items()}
