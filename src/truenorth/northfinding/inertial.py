@@ -292,7 +292,7 @@ def _least_squares(problem: _Problem, columns: np.ndarray, walk: np.ndarray | No
         share[:, 1, 2] = 1.0
         covariance = share @ _solve(normal, np.swapaxes(share, -1, -2))
         density = (problem.gravity_mps2 * problem.noise.angle_walk_rad_per_sqrt_s) ** 2
-        covariance[:, 0, 0] += density * (end + 2.0 * problem.noise.interval_s) - _sums(walk**2, counts)
+        covariance[:, 0, 0] += density * end - _sums(walk**2, counts)
     force = np.diff(problem.expected.velocity_mps, axis=0)[counts - 1]
     tilt = np.cross(slope, force) / (problem.gravity_mps2 * np.linalg.norm(force, axis=1)[:, None])
     return _Fit(exp_so3(tilt) @ rot, left[:, 2], covariance)

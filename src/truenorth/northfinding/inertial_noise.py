@@ -12,7 +12,9 @@ Their autocovariances at lags of 0, 1 and 2 intervals are those of B-splines,
 
 .. math::
     s\,(6, -4, 1),\qquad N_a^2 T\,(1, -\tfrac13, -\tfrac16),\qquad
-    g^2 N_g^2 T^3\,(\tfrac{66}{120}, \tfrac{26}{120}, \tfrac1{120}).
+    g^2 N_g^2 T^3\,(\tfrac{66}{120}, \tfrac{26}{120}, \tfrac1{120}),
+
+those at the start of the record, where both walks are zero, follow from the same integrals.
 
 So the covariance of a whole record is a band of five diagonals. Its Cholesky factor turns measurements one by
 one into independent ones of unit variance, each from earlier ones only: running sums of their products are
@@ -35,8 +37,9 @@ import numpy as np
 
 __all__ = ["VelocityNoise", "bump_factors", "estimate_noise", "walk_covariance", "whiten"]
 
-_ACCELEROMETER = np.array([1.0, -1.0 / 3.0, -1.0 / 6.0])
-_GYRO = np.array([66.0, 26.0, 1.0]) / 120.0
+_ACCELEROMETER = (np.array([2.0, 4.0, 6.0]) / 6.0, np.array([1.0, -3.0, -2.0]) / 6.0, -1.0 / 6.0)
+_GYRO = (np.array([6.0, 92.0, 66.0]) / 120.0, np.array([19.0, 27.0, 26.0]) / 120.0, 1.0 / 120.0)
+"""Diagonal and the two beside it, for unit variance; the last number of each goes on."""
 
 BUMP_SD = 4.0
 """An interval that departs from its neighbours by more standard deviations than this was a bump."""
@@ -110,15 +113,22 @@ def _shaking_band(variance: np.ndarray) -> np.ndarray:
     return band
 
 
-def _factor(shaking_band: np.ndarray, accelerometer: float, gyro: float) -> np.ndarray:
-    """Cholesky factor of the covariance of `_differences` with both walks, by diagonals, shape (3, n).
+def _walk_band(start: tuple[np.ndarray, np.ndarray, float], number: int) -> np.ndarray:
+    """Covariance of `_differences` of a walk that is zero where the record starts, by diagonals."""
+    own, beside, last = start
+    band = np.empty((3, number))
+    band[0], band[1], band[2] = own[-1], beside[-1], last
+    band[0, : len(own)], band[1, : len(beside)] = own, beside
+    return band
 
-    The walks are taken to have gone on before the record: lines and offsets are free anyway.
-    """
+
+def _factor(shaking_band: np.ndarray, accelerometer: float, gyro: float) -> np.ndarray:
+    """Cholesky factor of the covariance of `_differences` with both walks, by diagonals, shape (3, n)."""
     from scipy.linalg.lapack import dpbtrf
 
-    band = shaking_band + (accelerometer * _ACCELEROMETER + gyro * _GYRO)[:, None]
-    return np.asarray(dpbtrf(band, lower=1)[0])
+    number = shaking_band.shape[1]
+    band = shaking_band + accelerometer * _walk_band(_ACCELEROMETER, number)
+    return np.asarray(dpbtrf(band + gyro * _walk_band(_GYRO, number), lower=1)[0])
 
 
 def _solved(factor: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -155,7 +165,7 @@ def walk_covariance(noise: VelocityNoise, gravity_mps2: float, number: int) -> n
     """Covariance of mean velocities with the slope that the gyros' random walk has reached after all of them.
 
     It is the same for every later instant too, which makes it a column to `whiten`: with it the estimate of
-    that slope is a running sum. The walk began two intervals before the record, as in the covariance there.
+    that slope is a running sum.
 
     Parameters
     ----------
@@ -173,7 +183,7 @@ def walk_covariance(noise: VelocityNoise, gravity_mps2: float, number: int) -> n
     """
     k = np.arange(number)
     density = (gravity_mps2 * noise.angle_walk_rad_per_sqrt_s) ** 2
-    return np.asarray(density * noise.interval_s**2 * (1.0 + 0.5 * k * (k + 1.0)))
+    return np.asarray(density * noise.interval_s**2 * (1.0 / 6.0 + 0.5 * k * (k + 1.0)))
 
 
 def bump_factors(residual_mps: np.ndarray) -> np.ndarray:
