@@ -217,7 +217,10 @@ def parse_table(data, *, path=None):
             meta = json.loads(pl.read_parquet_metadata(io.BytesIO(data)).get(_KEY, "{}"))
         else:
             frame, meta = _read_csv(data, path)
-    except pl.exceptions.PolarsError as problem:
+    except FormatError:
+        raise
+    # Damaged bytes also raise a panic of the library, which is no Exception, and errors of JSON and CSV.
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError, csv.Error) as problem:
         reason = str(problem).split("\n", 1)[0]
         raise FormatError(
             f"the table cannot be read ({reason}); it is damaged or of another kind, write it again",

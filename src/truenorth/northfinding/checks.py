@@ -209,8 +209,8 @@ def check_record(
     if felt.velocity_rms > limit_mps:
         raise NoSolutionError(
             f"the body is not at rest: beside gravity its velocity changes by {felt.velocity_rms:.3g} m/s"
-            f" root mean square, and up to {limit_mps:.3g} are taken as shaking; select a part at rest with --from"
-            f" and --until"
+            f" root mean square, and up to {limit_mps:.3g} are taken as shaking; select a part at rest with"
+            f" --from and --until"
         )
     if felt.tilt - _SIGMAS * felt.tilt_sd > TILT_LIMIT:
         raise NoSolutionError(
