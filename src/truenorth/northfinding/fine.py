@@ -51,7 +51,7 @@ from .fine_filter import (
     filter_errors,
     smooth_attitude,
 )
-from .fine_model import ErrorModel, Nominal, build_model
+from .fine_model import ErrorModel, Nominal
 from .inertial import align_inertial
 from .observability import Observability, observe
 from .site import Site
@@ -66,8 +66,10 @@ TURNED_RAD = 0.1
 """A body that turns by more shows the errors of scale and axes."""
 GRAVITY_SD_MPS2 = 3e-4
 """Gravity is known from the place to 30 mGal."""
-MOVED_SHARE = 0.05
+MOVED_SHARE = 0.2
 """A platform whose displacement jumps more often is shaken more than was thought, and not moved."""
+SETTLED = 5
+"""So many measurements only fill in what is not known at the start, and are no test of it."""
 SMALLEST_SHAKING_M = 1e-5
 """No platform stands stiller than this."""
 STAYS_RAD = 1e-3
@@ -218,10 +220,10 @@ def align_fine(
     turned = _largest_turn(blocks) > TURNED_RAD
     none = np.zeros(3)
     # What acts like a bias needs the level of the platform, which the first intervals give.
-    first = build_model(
+    first = ErrorModel(
         blocks, site, errors, gravity_sd_mps2=gravity_sd_mps2, turned=False, level_from_body=rot
     ).nominal(rot, index, none, none)
-    model = build_model(
+    model = ErrorModel(
         blocks,
         site,
         errors,
@@ -342,14 +344,15 @@ def _iterate(
     model: ErrorModel, nominal: Nominal, action: np.ndarray, displacement_sd_m: float | None
 ) -> tuple[FilterPass, Nominal, int]:
     """Filter along the trajectory that the filter finds, until it stays."""
-    if displacement_sd_m is None:
-        force_var = model.process_cov[0][3, 3] * model.interval_s**2
-        shaking = _shaking(nominal.displacement_m, action, force_var)
-    else:
-        shaking = np.full(3, max(displacement_sd_m, SMALLEST_SHAKING_M) ** 2)
+    force_var = model.process_cov[0][3, 3] * model.interval_s**2
+    factor = 1.0
     gyro, accel = model.slices["gyro bias"], model.slices["accelerometer bias"]
     last = len(action) - 1
     for passes in range(1, MOST_PASSES + 1):
+        if displacement_sd_m is None:
+            shaking = factor * _shaking(nominal.displacement_m, action, force_var)
+        else:
+            shaking = np.full(3, max(displacement_sd_m, SMALLEST_SHAKING_M) ** 2)
         forward = filter_errors(model, nominal, action, shaking)
         state = _states_of_known_heading(forward)[-1]
         excess, chance = _excess(forward, action)
@@ -359,9 +362,9 @@ def _iterate(
         stays = bool(np.all(np.abs(state[:3]) < small)) and drifts < DRIFTS_RAD
         if (stays and not inflate) or passes == MOST_PASSES:
             break
-        if inflate and (stays or excess > 10.0):
+        if stays:
             # Slower than the curves, or larger at times: what is unexplained is laid to the shaking.
-            shaking = shaking * min(excess**1.5, 1000.0)
+            factor *= min(excess**1.5, 1000.0)
         nominal = model.nominal(
             exp_so3(-state[:3]) @ nominal.rot_ned_from_body[last],
             last,
@@ -373,7 +376,7 @@ def _iterate(
 
 def _excess(forward: FilterPass, action: np.ndarray) -> tuple[float, float]:
     """Squared innovations as a multiple of what they should be, and what multiple chance may give."""
-    asked = forward.nis[action == MEASURED]
+    asked = forward.nis[SETTLED:][action[SETTLED:] == MEASURED]
     taken = asked[asked <= MOVED]
     if len(taken) < (1.0 - MOVED_SHARE) * len(asked):
         # More than a platform is moved: 2.37 is the median of chi-square of 3 degrees of freedom.
@@ -426,7 +429,7 @@ def _solution(
         **{f"accel_bias_{axis}_ug": float(accel[-1, k] / _UG) for k, axis in enumerate("xyz")},
         **{f"accel_bias_{axis}_sd_ug": float(accel_sd[k] / _UG) for k, axis in enumerate("xyz")},
         "displacement_sd_m": float(np.sqrt(np.mean(forward.displacement_var))),
-        "nis_mean": float(np.nanmean(np.where(nis > MOVED, np.nan, nis))),
+        "nis_mean": float(np.mean(nis[SETTLED:][nis[SETTLED:] <= MOVED])),
         "moved_instants": float(np.count_nonzero(nis > MOVED)),
         "still_share": float(np.mean(forward.action != NOTHING)),
         "passes": float(passes),
@@ -484,7 +487,9 @@ def _notes(model: ErrorModel, forward: FilterPass, passes: int) -> tuple[str, ..
     """Sentences for the user."""
     notes = []
     if passes == MOST_PASSES:
-        notes.append("The filter's own trajectory had not come to rest; the heading is hardly observable.")
+        notes.append(
+            f"After {passes} runs of the filter its trajectory, or the size of the shaking, had not settled."
+        )
     moved = int(np.count_nonzero(forward.action == NOTHING))
     if moved:
         share = f"{moved} of {len(forward.action)} instants"

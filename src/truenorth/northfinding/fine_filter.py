@@ -189,10 +189,12 @@ def smooth_attitude(model: ErrorModel, forward: FilterPass) -> tuple[np.ndarray,
             gain = forward.gain[k]
             inverse = forward.weight[k]
             slope[_PLACE] -= gain.T @ slope + inverse @ forward.innovation[k]
-            across = curve @ gain
-            curve[:, _PLACE] -= across
-            curve[_PLACE] -= across.T
-            curve[_PLACE, _PLACE] += gain.T @ across + inverse
+            # As a product: the same as a difference is not stable where little was known yet.
+            rest = np.eye(n)
+            rest[:, _PLACE] -= gain
+            curve = rest.T @ curve @ rest
+            curve[_PLACE, _PLACE] += inverse
+            curve = 0.5 * (curve + curve.T)
         elif forward.action[k] == PLACED:
             curve[_PLACE] = 0.0
             curve[:, _PLACE] = 0.0
