@@ -50,13 +50,13 @@ LEAST_USUAL_MPS = 1e-9
 MOST_FACTOR = 1e3
 """Beyond it the interval counts for nothing anyway."""
 
-_RATIOS = np.arange(-3.0, 4.1)
+_RATIOS = np.linspace(-3.0, 4.0, 5)
 """Variance by accelerometer noise over that by shaking, as tried, decades; the least is as good as none."""
-_GYRO_RATIOS = np.arange(-8.0, 2.1)
+_GYRO_RATIOS = np.linspace(-8.0, 2.0, 6)
 """Variance by gyro noise over that by the other two, as tried, decades; the least is as good as none."""
 _NEGLIGIBLE = 8.0
 """What is less likely than the best by this logarithm is left out."""
-_FINER = 8
+_FINER = 7
 """How many of each are tried over what is left."""
 _ZOOMS = 2
 
