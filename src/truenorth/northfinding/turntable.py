@@ -313,6 +313,8 @@ def find_north_turntable(
         gains = np.array([geometry.gain_mps(fit.rate_radps) for fit in fits])
         rate_plane, cov_rate, lean = _combined(fits, gains, geometry)
         each, ends_s, running, running_cov = _revolutions(logs, fits, gains, lean)
+        # The harmonic of the lean was found from all logs: it is paid for from the beginning.
+        running_cov = running_cov * (np.trace(cov_rate) / np.trace(running_cov[-1]))
         if not encoder and len(logs) == 1:
             bearing = np.unwrap(np.arctan2(-each[:, 1], each[:, 0]))
             turn_s = float(ends_s[0])
