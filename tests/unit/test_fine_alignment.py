@@ -233,6 +233,7 @@ def test_a_platform_that_was_moved_is_given_a_new_place():
     truth = true_attitude(trajectory, 200.0)[0]
     for updates in ("always", "still"):
         found = align_fine(record, SITE, errors=NAVIGATION, updates=updates, **CERTAIN)
+        assert found.method == {"always": "fine", "still": "strapdown"}[updates]
         wrong = error_rad(found, truth)
         assert np.all(np.abs(wrong) < 4.5 * np.sqrt(np.diag(found.cov_ned_rad2)))
         assert np.degrees(found.angle_sd_rad[0]) < 0.12

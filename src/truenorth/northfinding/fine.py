@@ -233,7 +233,14 @@ def align_fine(
     )
     forward, nominal, passes = _iterate(model, first, action, displacement_sd_m)
     return _solution(
-        model, forward, nominal, passes, running=running, smooth=smooth, deflection_sd_rad=deflection_sd_rad
+        model,
+        forward,
+        nominal,
+        passes,
+        method="fine" if updates == "always" else "strapdown",
+        running=running,
+        smooth=smooth,
+        deflection_sd_rad=deflection_sd_rad,
     )
 
 
@@ -400,6 +407,7 @@ def _solution(
     nominal: Nominal,
     passes: int,
     *,
+    method: str,
     running: bool,
     smooth: bool,
     deflection_sd_rad: float,
@@ -435,7 +443,7 @@ def _solution(
         "passes": float(passes),
     }
     return FineAlignment(
-        method="fine",
+        method=method,
         site=site,
         time_s=float(time_s[-1]),
         duration_s=model.duration_s,

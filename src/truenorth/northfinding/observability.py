@@ -70,9 +70,9 @@ class ObservedState:
         """str: What a person is told."""
         size = f"{self.after:.2g} {self.unit}"
         if self.ratio < SEEN:
-            told = f"{self.name} is observed: {self.before:.2g} came down to {size}"
+            told = f"{self.name} is observed: {self.before:.3g} came down to {size}"
         elif self.ratio < HARDLY:
-            told = f"{self.name} is observed in part: {self.before:.2g} came down to {size}"
+            told = f"{self.name} is observed in part: {self.before:.3g} came down to {size}"
         else:
             told = f"{self.name} is not observed: {size}, as before the record"
         if abs(self.correlation) > 0.9:
