@@ -59,7 +59,7 @@ TURNING_TOLERANCE = 20.0
 """Earth rates of gyro bias that a method with several positions may have to remove, where none is stated."""
 
 TURNING_SHARE = 0.01
-"""Of the rate of a turntable: what scale errors and misalignments may feign, where none are stated."""
+"""Of the usual rate of a turntable: what scale errors and misalignments may feign, where none are stated."""
 
 TURN_LIMIT_RAD = np.radians(45.0)
 """What turns further is not at rest, but sways or is carried."""
@@ -202,7 +202,10 @@ def check_record(
     if sd_radps is not None:
         excess_radps = max(excess_radps, _SIGMAS * sd_radps)
     elif may_turn:
-        excess_radps = TURNING_TOLERANCE * EARTH_RATE_RADPS + TURNING_SHARE * mean_rate_radps
+        usual_radps = float(np.median(np.linalg.norm(blocks.angle_rad, axis=1))) / float(
+            np.diff(blocks.time_s)[0]
+        )
+        excess_radps = TURNING_TOLERANCE * EARTH_RATE_RADPS + TURNING_SHARE * usual_radps
     _refuse_fast(blocks, turn, site, excess_radps)
     felt = _felt(blocks, turn)
     limit_mps = VELOCITY_LIMIT_MPS + _velocity_of_errors(gravity, excess_radps, duration_s, may_turn)
@@ -315,14 +318,17 @@ def _ceiling(column: np.ndarray) -> tuple[float, float] | None:
         top = float(values.max())
         at = values > top - near
         n_top = int(np.count_nonzero(at))
-        if n_top < max(50, 0.005 * len(values)) or n_top == len(values):
+        # Beyond a half it is not the end of the spread but the state of rest.
+        if not max(50, 0.005 * len(values)) <= n_top <= 0.5 * len(values):
             continue
         below = values[~at]
         second = float(below.max())
         n_second = int(np.count_nonzero(below > second - near))
-        # Single turns or knocks far off all the rest are no clipping of it either.
+        # A turn or a knock far off all the rest is no clipping, and leaves the sum on its side.
         inside = top - sign * (high if sign > 0.0 else low) < 2.0 * spread
-        if n_top >= 3 * n_second and top - second < spread / 8.0 and inside:
+        middle = float(np.median(values))
+        lasting = float(np.sum(values - middle)) > 0.5 * n_top * (top - middle)
+        if n_top >= 3 * n_second and top - second < spread / 8.0 and inside and not lasting:
             return sign * top, n_top / len(values)
     return None
 
@@ -337,7 +343,10 @@ def _refuse_dead(angle: np.ndarray, velocity: np.ndarray) -> None:
     for name, rows in (("gyro", angle), ("accelerometer", velocity)):
         # Sculling of a constant count is no life.
         still = np.ptp(rows, axis=0) <= 1e-5 * np.abs(rows).max()
-        alive = [len(np.unique(column[:2000])) >= 10 for column in rows.T]
+        alive = [
+            moves and len(np.unique(column[:2000])) >= 10
+            for moves, column in zip(~still, rows.T, strict=True)
+        ]
         if still.any() and sum(alive) >= 2:
             axis = _AXES[int(np.argmax(still))]
             raise NoSolutionError(
