@@ -85,8 +85,16 @@ class Answers:
 
     def rms_deg(self, *, right_only: bool = False) -> float:
         """Root mean square of the errors of all answers, or of those that are not wrong."""
-        chosen = self.is_given & ~self.is_wrong if right_only else self.is_given
+        chosen = self._chosen(right_only)
         return float(np.sqrt(np.mean(self.error_deg[chosen] ** 2))) if chosen.any() else np.nan
+
+    def nees(self, *, right_only: bool = False) -> float:
+        """Mean square of the errors over their stated sigma, of all answers or of those not wrong."""
+        chosen = self._chosen(right_only)
+        return float(np.mean((self.error_deg[chosen] / self.sd_deg[chosen]) ** 2)) if chosen.any() else np.nan
+
+    def _chosen(self, right_only: bool) -> np.ndarray:
+        return self.is_given & ~self.is_wrong if right_only else self.is_given
 
 
 def wrapped_deg(angle_deg: np.ndarray | float) -> np.ndarray | float:

@@ -30,7 +30,7 @@ __all__ = ["LATITUDES_DEG", "TECHNIQUES", "NorthComparison", "Technique", "Techn
 LATITUDES_DEG = (0.0, 20.0, 40.0, 60.0, 75.0, 85.0)
 """Where every technique is tried again."""
 
-FEW = 5
+FEW = 6
 """Techniques that take long get this part of the runs there."""
 
 FEWEST = 4
@@ -270,6 +270,7 @@ class TechniqueResult:
             "p95_deg": float(np.quantile(size, 0.95)) if len(size) else np.nan,
             "worst_deg": float(size.max()) if len(size) else np.nan,
             "stated_sd_deg": _mean(own.sd_deg),
+            "nees": own.nees(right_only=self.technique.is_external),
             "wrong_share": own.wrong,
             "available_share": own.available,
             "data_s": own.data_s,
@@ -339,15 +340,15 @@ class NorthComparison:
         """One table, the thesis's techniques first; what limits each; what the columns mean."""
         scene, columns = self.scene, self.columns()
         head = [
-            "", "his", "rms", "right", "95 %", "worst", "sigma", "wrong", "given", "data", "cpu ms", "times",
-            *(f"{latitude:.0f}" for latitude in LATITUDES_DEG),
+            "", "his", "rms", "right", "95 %", "worst", "sigma", "nees", "wrong", "given", "data",
+            "cpu ms", "times", *(f"{latitude:.0f}" for latitude in LATITUDES_DEG),
         ]  # fmt: skip
         wide = max(len(title) for title in columns["title"])
         lines = [
             f"truth       level at {scene.latitude_deg:.4f}, {scene.longitude_deg:.4f}, heading "
             f"{scene.heading_deg:g} deg; {scene.runs} runs, seed {scene.seed}",
-            f"{'':<{wide}}" + f"{'error of the answers, deg':^42}" + f"{'share, %':>21}"
-            f"{'cost of an answer':>24}" + f"{'rms at latitude, deg':>42}",
+            f"{'':<{wide}}" + f"{'error of the answers, deg':^49}" + f"{'share, %':^14}"
+            f"{'cost of an answer':^21}" + f"{'rms at latitude, deg':^42}",
             f"{head[0]:<{wide}}" + "".join(f"{word:>7}" for word in head[1:]),
         ]
         for k, title in enumerate(columns["title"]):
@@ -371,14 +372,15 @@ class NorthComparison:
         return [
             "his: table 9 of Oguz (2006), single draws or bounds; all else: distributions of our runs.",
             "right: rms of the answers that are not wrong. wrong: false integers, or an error beyond five "
-            "sigma; share of the answers. sigma: the mean of what is stated with the answers.",
+            "sigma; share of the answers. sigma: the mean of what is stated with the answers; nees: the mean "
+            "square of errors over it, 1 where it is honest (of satellites, of the right answers).",
             f"at latitude: from as many runs, {self.runs_elsewhere} where an answer takes long (Kalman, "
             "filter, two positions, carousel); of satellites the answers that are right.",
             "cpu ms, times: processor time of an answer on this machine, and in units of the fastest.",
         ]
 
 
-_ERRORS = ("published_deg", "rms_deg", "right_rms_deg", "p95_deg", "worst_deg", "stated_sd_deg")
+_ERRORS = ("published_deg", "rms_deg", "right_rms_deg", "p95_deg", "worst_deg", "stated_sd_deg", "nees")
 _WORDS = (
     "dependence",
     "coverage",
@@ -405,7 +407,7 @@ def compare_north(
     Parameters
     ----------
     runs : int
-        Independent draws of all errors; a fifth at each other latitude where an answer takes
+        Independent draws of all errors; a sixth at each other latitude where an answer takes
         long.
     seed : int
         Of the first draw. Everything but the processor times follows from it.
