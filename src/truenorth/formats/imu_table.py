@@ -562,8 +562,8 @@ def _refuse_missing(
         row, column = np.argwhere(missing)[0]
         raise FormatError(
             f"`{names[column]}` holds no number in sample {rows.start + row + 1} at"
-            f" {stamps_s[rows.start + row]:.3f} s ({int(missing.any(axis=1).sum())} such); select a part without it"
-            f" with --from and --until",
+            f" {stamps_s[rows.start + row]:.3f} s ({int(missing.any(axis=1).sum())} such); select a part"
+            f" without it with --from and --until",
             path=source,
         )
 

@@ -32,9 +32,9 @@ def position_from_file(path: str | os.PathLike[str]) -> tuple[float, float, floa
     Parameters
     ----------
     path : str or os.PathLike
-        A ``session.toml`` or the folder that holds one (the first of its observation files that tells a
-        position), a file of observations (RINEX, UBX, OEM3; packed or not), or a TOML file with a table
-        ``[place]`` (a scenario of the emulator, a mapping of an inertial log).
+        A ``session.toml`` (the first of its observation files that tells a position), a file of observations
+        (RINEX, UBX, OEM3; packed or not), a TOML file with a table ``[place]`` (a scenario of the emulator, a
+        mapping of an inertial log), or a folder with a ``session.toml`` or a ``scenario.toml``.
 
     Returns
     -------
@@ -50,7 +50,8 @@ def position_from_file(path: str | os.PathLike[str]) -> tuple[float, float, floa
     """
     path = Path(path)
     if path.is_dir():
-        path = path / "session.toml"
+        # A simulated folder of sensors alone has no session, but says what it was made from.
+        path = path / ("session.toml" if (path / "session.toml").exists() else "scenario.toml")
     if path.suffix.lower() != ".toml":
         return _of_observations(str(path))
     table = _toml(path)
