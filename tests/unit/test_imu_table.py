@@ -90,6 +90,24 @@ def test_psins_text_says_everything_itself(tmp_path, packed):
     assert any("arcsec" in note for note in log.notes)
 
 
+def test_a_mapping_may_say_more_of_a_psins_text(tmp_path):
+    path = tmp_path / "log.imu"
+    path.write_text(psins(counts()))
+    plain = read_imu_table(path)
+    more = read_imu_table(
+        path,
+        ImuMapping.from_table(
+            {"mount_deg": [90, 0, 0], "compensated": True, "errors": {"grade": "navigation"}}
+        ),
+    )
+    scaled = plain.sensor_angle_rad[:, [1, 0, 2]] * [1.0, 1.0, -1.0]
+    np.testing.assert_allclose(more.increments.angle_rad, scaled[:, [1, 0, 2]] * [-1.0, 1.0, 1.0], atol=1e-18)
+    assert more.errors == {"grade": "navigation"}
+    assert (more.latitude_rad, more.height_m) == (plain.latitude_rad, 380.0)
+    moved = read_imu_table(path, ImuMapping.from_table({"place": {"latitude_deg": 10.0}}))
+    assert (np.degrees(moved.latitude_rad), moved.height_m) == (pytest.approx(10.0), 380.0)
+
+
 def test_windows_line_ends_and_a_missing_last_one_change_nothing(tmp_path):
     plain, other = tmp_path / "plain", tmp_path / "other"
     plain.write_text(psins(counts()))

@@ -11,12 +11,15 @@ from .registry import FORMATS, read, read_navigation, read_observations, sniff
 
 _LAZY = {
     "FogCoding": "fog_packet",
+    "ImuMapping": "imu_mapping",
+    "ImuTable": "imu_table",
     "iter_observations": "blocks",
     "open_observations": "blocks",
     "parse_antex": "antex",
     "phase_centre_correction_m": "antex",
     "read_antex": "antex",
     "read_fog_packets": "fog_packet",
+    "read_imu_table": "imu_table",
     "read_imu_table": "imu_table",
     "read_sensor_table": "sensor_table",
     "read_table": "sensor_table",

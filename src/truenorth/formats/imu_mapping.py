@@ -32,8 +32,8 @@
     [errors]                             # optional: settings of a sensor description
     grade = "tactical"
 
-Units and axes must be given; nothing else must. A table whose columns already have TrueNorth's names may have
-a mapping without [time], [gyro] and [accelerometer], to say the rest.
+Units and axes must be given, and of increments `compensated`; nothing else must. A log that says itself what
+its numbers mean may have a mapping without [time], [gyro] and [accelerometer], to say the rest.
 """
 
 from __future__ import annotations

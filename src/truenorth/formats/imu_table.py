@@ -46,7 +46,7 @@ __all__ = ["ImuMapping", "ImuTable", "is_psins_text", "read_imu_table"]
 ARCSEC_RAD = np.pi / 180.0 / 3600.0
 
 _PARQUET = b"PAR1"
-_AXES_IN_WORDS = "forward, right, down"
+_PSINS_AXES = "x right, y forward, z up"
 
 _OURS = {
     "increments": (
@@ -59,9 +59,6 @@ _OURS = {
     ),
 }
 """Columns of tables that need no mapping, by what they hold."""
-
-RFU_IN_FRD = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-"""Turns components along right, forward, up into those along forward, right, down."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,11 +188,10 @@ def read_imu_table(
         mapping = ImuMapping.read(mapping)
     part = _Part(start_s, end_s)
     data, source = read_bytes(path), os.fspath(path)
-    if mapping is None and is_psins_text(data[:4096]):
-        return _psins(data, source, part)
-    if mapping is not None and mapping.gyro is not None:
+    mapping = mapping or ImuMapping()
+    if mapping.gyro is not None:
         return _mapped(data, mapping, source, part)
-    return _own_table(data, mapping or ImuMapping(), source, part)
+    return (_psins if is_psins_text(data[:4096]) else _own_table)(data, mapping, source, part)
 
 
 # ---------------------------------------------------------------------------------- kinds of files
@@ -206,7 +202,7 @@ def is_psins_text(head: bytes) -> bool:
     return head.startswith(b"%") and b"PSINS" in head.split(b"\n", 1)[0]
 
 
-def _psins(data: bytes, source: str, part: _Part) -> ImuTable:
+def _psins(data: bytes, mapping: ImuMapping, source: str, part: _Part) -> ImuTable:
     """Counts of angle and velocity after a header that says what they are worth."""
     header: list[list[float]] = []
     at, line_number = 0, 0
@@ -237,6 +233,12 @@ def _psins(data: bytes, source: str, part: _Part) -> ImuTable:
             line_number=line_number,
         )
     counts = _numbers(data[at:], 6, source, line_number)
+    axes, compensated = mapping.axes or _PSINS_AXES, bool(mapping.compensated)
+    place = {
+        "latitude_rad": float(np.radians(latitude_deg)),
+        "longitude_rad": float(np.radians(longitude_deg)),
+        "height_m": height_m,
+    }
     return _regular(
         counts[:, :3] * np.array(scales[:3]) * ARCSEC_RAD,
         counts[:, 3:] * np.array(scales[3:]) * 1e-6 * g_mps2,
@@ -244,16 +246,15 @@ def _psins(data: bytes, source: str, part: _Part) -> ImuTable:
         part=part,
         names=tuple(f"{kind} {axis}" for kind in ("gyro", "accelerometer") for axis in "xyz"),
         source=source,
-        rot_body_from_sensor=RFU_IN_FRD,
-        compensated=False,
-        latitude_rad=float(np.radians(latitude_deg)),
-        longitude_rad=float(np.radians(longitude_deg)),
-        height_m=height_m,
+        rot_body_from_sensor=_rot_body_from_sensor(axes, mapping),
+        compensated=compensated,
         notes=(
-            f"The header gives the place, {interval_ms:g} ms between samples, counts of {scales[0]:g} arcsec"
-            f" and {scales[3]:g} ug s with g = {g_mps2:g} m/s^2, and axes x right, y forward, z up.",
-            "Its attitude is not used; coning and sculling are compensated here.",
+            f"The header gives the place, {interval_ms:g} ms between samples, and counts of {scales[0]:g}"
+            f" arcsec and {scales[3]:g} ug s with g = {g_mps2:g} m/s^2; axes are {axes}.",
+            f"Its attitude is not used; coning and sculling are compensated"
+            f" {'by the unit' if compensated else 'here'}.",
         ),
+        **place | {key: value for key, value in _stated(mapping).items() if value is not None},
     )
 
 
@@ -278,13 +279,8 @@ def _own_table(data: bytes, mapping: ImuMapping, source: str, part: _Part) -> Im
         stamps_s, first_ns = _since_first(columns["time_ns"], 1e-9)
     elif "time_s" in columns:
         stamps_s, _ = _since_first(_floats(columns["time_s"], "time_s", source), 1.0)
-    axes = "FRD" if mapping.axes is None else mapping.axes
+    axes = mapping.axes or "x forward, y right, z down"
     compensated = mapping.compensated is not False
-    notes = [
-        "The names of the columns give their units"
-        + (f"; their axes are taken as {_AXES_IN_WORDS}" if mapping.axes is None else "")
-        + ("; coning and sculling are taken as compensated by the unit." if compensated else ".")
-    ]
     interval_rates = output == "rates"
     return _regular(
         gyro,
@@ -298,7 +294,10 @@ def _own_table(data: bytes, mapping: ImuMapping, source: str, part: _Part) -> Im
         first_ns=first_ns,
         rot_body_from_sensor=_rot_body_from_sensor(axes, mapping),
         compensated=compensated,
-        notes=tuple(notes),
+        notes=(
+            f"The names of the columns give their units; axes are {axes}, and coning and sculling are"
+            f" compensated {'by the unit' if compensated else 'here'}.",
+        ),
         **_stated(mapping),
     )
 
