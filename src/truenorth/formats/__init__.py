@@ -20,7 +20,6 @@ _LAZY = {
     "read_antex": "antex",
     "read_fog_packets": "fog_packet",
     "read_imu_table": "imu_table",
-    "read_imu_table": "imu_table",
     "read_sensor_table": "sensor_table",
     "read_table": "sensor_table",
     "read_tcm2": "tcm2",
