@@ -328,30 +328,38 @@ _PULSES = 48
 
 
 def _noise_scales(site: Site, duration_s: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """What unit noises of gyros, accelerometers and shaking do to tilts and heading, in order of magnitude.
+    """What unit noises do to tilts and heading, in order of magnitude.
 
-    Shape (3, k, 3): kind of noise, instant, turn about north, east, down.
+    Shape (4, k, 3): of gyros, accelerometers, shaking, and shaking where the record starts; instant; turn
+    about north, east, down.
     """
     g, horizontal, t = site.gravity_mps2, site.horizontal_rate_radps, duration_s
-    tilts = np.stack([np.sqrt(t), 1.0 / (g * np.sqrt(t)), 1.0 / (g * t * np.sqrt(counts))])
+    by_velocity = 1.0 / (g * t)
+    tilts = np.stack([np.sqrt(t), by_velocity * np.sqrt(t), by_velocity / np.sqrt(counts), by_velocity])
     heading = tilts / (horizontal * t)
     return np.stack([tilts, tilts, heading], axis=-1)
 
 
 @lru_cache(maxsize=16)
-def _noise_shapes(form: str) -> np.ndarray:
-    r"""Covariances left by the three kinds of noise in units of `_noise_scales`, shape (3, 3, 3).
+def _responses(form: str) -> np.ndarray:
+    r"""Errors of the attitude by pulses along a record, in units that hold for any duration.
 
-    The response of the form to pulses along a record is found by trying them: a small turn of the gyros, a
-    small step of the velocity, a velocity in one interval only. Of a fit of a parabola, with u the instant as
-    a share of the record, the heading follows a rate of the east gyro by :math:`30u^2(1-u)^2`, whose square
-    integrates to 10/7: its variance is 1.43 times that of plain averaging.
+    They are found by trying: a small turn of the gyros, a small step of the velocity, a velocity in one
+    interval only. Of a fit of a parabola, with u the instant as a share of the record, the heading follows a
+    rate of the east gyro by :math:`30u^2(1-u)^2`, whose square integrates to 10/7: the variance by white
+    noise is 1.43 times that of plain averaging. An error of the accelerometers that changes feigns a rate: the
+    heading follows it by the derivative of that weight.
+
+    Returns
+    -------
+    ndarray, shape (3, k, 2, 3)
+        Kind of pulse, instant, axis (north, east); small rotation about north, east, down in units of
+        `_response_scales`.
     """
     site, length_s, small = Site(np.radians(45.0)), 240.0, 1e-6
     time_s = np.linspace(0.0, length_s, _PULSES + 1)
-    step_s = length_s / _PULSES
     expected = _expected_path(site, time_s)
-    noise = VelocityNoise(step_s, 1.0, 0.0, 0.0)
+    noise = VelocityNoise(length_s / _PULSES, 1.0, 0.0, 0.0)
     problem = _Problem(expected, expected, np.array([_PULSES]), np.ones(_PULSES), noise, site.gravity_mps2)
     to_end = exp_so3(-length_s * site.earth_rate_ned_radps)
 
@@ -368,27 +376,96 @@ def _noise_shapes(form: str) -> np.ndarray:
         error = to_end @ rot @ to_end.T
         return np.array([error[2, 1], error[0, 2], error[1, 0]]) / small
 
-    shapes = np.zeros((3, 3, 3))
+    found = np.zeros((3, _PULSES, 2, 3))
     for k in range(_PULSES):
         since = np.maximum(time_s - 0.5 * (time_s[k] + time_s[k + 1]), 0.0)
         after = (since > 0.0).astype(float)
-        for axis in np.eye(3)[:2]:
-            errors = (
-                # A turn lets gravity feign a velocity, and stays.
-                response(since, 0.5 * since**2, np.cross(axis, site.force_ned_mps2), axis),
-                response(after, since, axis, 0.0 * axis),
-                response(np.diff(after, prepend=0.0), step_s * after, axis, 0.0 * axis),
-            )
-            for shape, error, variance in zip(shapes, errors, (step_s, step_s, 1.0), strict=True):
-                shape += variance * np.outer(error, error)
-    scales = _noise_scales(site, np.array([length_s]), np.array([_PULSES]))[:, 0]
-    return np.asarray(shapes / scales[:, :, None] / scales[:, None, :])
+        for number, axis in enumerate(np.eye(3)[:2]):
+            # A turn lets gravity feign a velocity, and stays.
+            found[0, k, number] = response(since, 0.5 * since**2, np.cross(axis, site.force_ned_mps2), axis)
+            found[1, k, number] = response(after, since, axis, 0.0 * axis)
+            pulse = np.diff(after, prepend=0.0)
+            found[2, k, number] = response(pulse, length_s / _PULSES * after, axis, 0.0 * axis)
+    scales = _response_scales(site, np.array([length_s]))[:, 0]
+    return np.asarray(found / scales[:, None, None, :])
 
 
-def _noise_lines(form: str, fit: _Fit, problem: _Problem, site: Site, shaking_mps: float) -> np.ndarray:
+def _response_scales(site: Site, duration_s: np.ndarray) -> np.ndarray:
+    """What a unit turn, a unit step of the velocity and a unit velocity do to tilts and heading, in size.
+
+    Shape (3, k, 3): kind of pulse, instant, turn about north, east, down.
+    """
+    g, horizontal, t = site.gravity_mps2, site.horizontal_rate_radps, duration_s
+    tilts = np.stack([np.ones_like(t), 1.0 / (g * t), 1.0 / (g * t)])
+    return np.stack([tilts, tilts, tilts / (horizontal * t)], axis=-1)
+
+
+@lru_cache(maxsize=16)
+def _noise_shapes(form: str) -> np.ndarray:
+    """Covariances by white noise of gyros, accelerometers and shaking, in `_noise_scales`, shape (3, 3, 3)."""
+    found = _responses(form)
+    # Of noise over the whole record each pulse has its share of the variance; of shaking, all.
+    share = np.array([1.0 / _PULSES, 1.0 / _PULSES, 1.0 * _PULSES])
+    return np.asarray(np.einsum("skap,skaq->spq", found, found) * share[:, None, None])
+
+
+_RATIOS = np.logspace(-6.0, 4.0, 81)
+"""Durations over time constants at which drifts are reckoned; between, by interpolation."""
+
+
+@lru_cache(maxsize=16)
+def _drift_shapes(form: str) -> tuple[np.ndarray, np.ndarray]:
+    """Covariances by drifts: of unit processes for each of `_RATIOS`, and of a unit walk, by gyro and force."""
+    found = _responses(form)[:2] / _PULSES
+    return (
+        np.stack([drift_covariances(each, _RATIOS) for each in found]),
+        np.stack([ramble_covariance(each) for each in found]),
+    )
+
+
+_DRIFTS = (
+    ("gyro bias instability", "gyro_bias_instability_dph", "deg/h"),
+    ("rate random walk", "gyro_bias_walk_dph_per_sqrt_h", "deg/h/sqrt(h)"),
+    ("accelerometer bias instability", "accel_bias_instability_ug", "ug"),
+    ("accelerometer bias walk", "accel_bias_walk_ug_per_sqrt_h", "ug/sqrt(h)"),
+)
+"""Errors that change slowly, whose weights differ from those of a mean: source, setting, unit."""
+
+
+def _drift_lines(form: str, errors: ImuDescription, site: Site, duration_s: np.ndarray) -> np.ndarray:
+    """Covariances of the attitude by each of `_DRIFTS`, shape (4, k, 3, 3)."""
+    processes, walks = _drift_shapes(form)
+    scales = _response_scales(site, duration_s)[:2] * duration_s[:, None]
+    lines = np.zeros((len(_DRIFTS), len(duration_s), 3, 3))
+    for number, (_, key, _) in enumerate(_DRIFTS):
+        sensor = number // 2
+        size = getattr(errors, key) * (_DPH, _UG)[sensor]
+        if number % 2:
+            # Stated by square roots of an hour.
+            shape = walks[sensor] * (size / 60.0) ** 2 * duration_s[:, None, None]
+        else:
+            sd, time_constants = flicker_components(size)
+            log_ratio = np.log(duration_s[:, None] / time_constants)
+            table = processes[sensor].reshape(len(_RATIOS), 9)
+            entries = [np.interp(log_ratio, np.log(_RATIOS), column).sum(axis=1) for column in table.T]
+            shape = sd**2 * np.stack(entries, axis=-1).reshape(-1, 3, 3)
+        lines[number] = scales[sensor][:, :, None] * shape * scales[sensor][:, None, :]
+    return lines
+
+
+def _noise_lines(
+    form: str, fit: _Fit, problem: _Problem, site: Site, shaking_mps: float, start_mps: float
+) -> np.ndarray:
     """Covariances of the attitude by noise of gyros, accelerometers and shaking, shape (3, k, 3, 3).
 
     Of the weighted form there is one, of all noise together, shape (1, k, 3, 3).
+
+    Parameters
+    ----------
+    form, fit, problem, site
+        What was done.
+    shaking_mps, start_mps : float
+        Standard deviations of the velocities that the form takes, and of that at the start.
     """
     duration = problem.felt.time_s[problem.counts]
     if fit.slope_bend_covariance is not None:
@@ -400,11 +477,12 @@ def _noise_lines(form: str, fit: _Fit, problem: _Problem, site: Site, shaking_mp
         line[0, :, 1, 2] = line[0, :, 2, 1] = cov[:, 0, 1] / (g * lever)
         return line
     noise = problem.noise
-    sizes = (noise.angle_walk_rad_per_sqrt_s, noise.velocity_walk_mps_per_sqrt_s, shaking_mps)
+    sizes = (noise.angle_walk_rad_per_sqrt_s, noise.velocity_walk_mps_per_sqrt_s, shaking_mps, start_mps)
     # Two instants alone stay as noisy however many intervals there are.
     counts = np.full_like(problem.counts, _PULSES) if form == "two-velocities" else problem.counts
     scales = _noise_scales(site, duration, counts) * np.array(sizes)[:, None, None]
-    return scales[..., :, None] * _noise_shapes(form)[:, None] * scales[..., None, :]
+    lines = scales[..., :, None] * _noise_shapes(form)[:, None] * scales[..., None, :]
+    return np.concatenate([lines[:2], lines[2:].sum(axis=0, keepdims=True)])
 
 
 def align_inertial(
@@ -469,11 +547,10 @@ def align_inertial(
     attitude = rot_n_from_n0 @ fit.rot_n0_from_b0 @ rot_b0_from_b[counts]
     rot = attitude[-1]
 
-    shaking = problem.noise.shaking_mps
-    if form in _AT_INSTANTS:
-        at_edges = np.diff(felt.velocity_mps @ fit.rot_n0_from_b0[-1].T, n=2, axis=0)[:, :2]
-        shaking = float(np.sqrt(np.mean(at_edges**2) / 6.0))
-    lines = _noise_lines(form, fit, problem, site, shaking)
+    at_edges = np.diff(felt.velocity_mps @ fit.rot_n0_from_b0[-1].T, n=2, axis=0)[:, :2]
+    start = float(np.sqrt(np.mean(at_edges**2) / 6.0))
+    shaking = start if form in _AT_INSTANTS else problem.noise.shaking_mps
+    lines = _noise_lines(form, fit, problem, site, shaking, start)
     cov = lines.sum(axis=0)
     budget = None
     notes: tuple[str, ...] = ()
@@ -484,8 +561,15 @@ def align_inertial(
             f" {np.degrees(_DPH / site.horizontal_rate_radps):.2g} deg.",
         )
     else:
-        budget = _budget(form, errors, rot, site, float(duration[-1]), lines[:, -1], problem.noise, shaking)
-        cov = cov + covariance_after(errors, rot, site, duration, noise_factor=0.0)
+        drifts = _drift_lines(form, errors, site, duration)
+        constant = msgspec.structs.replace(errors, **{key: 0.0 for _, key, _ in _DRIFTS})
+        sources = [
+            *_noise_budget(form, errors, lines[:, -1], problem.noise, shaking),
+            *_drift_budget(errors, drifts[:, -1]),
+            *static_budget(constant, rot, site, float(duration[-1]), noise_factor=0.0).lines,
+        ]
+        budget = ErrorBudget(tuple(sorted(sources, key=lambda line: -float(line.cov_ned_rad2[2, 2]))), rot)
+        cov = cov + drifts.sum(axis=0) + covariance_after(constant, rot, site, duration, noise_factor=0.0)
     bumps = int(np.count_nonzero(problem.factors > 1.0))
     if bumps and form in ("velocity-fit", "weighted"):
         notes += (
@@ -592,17 +676,10 @@ def _stated_walks(errors: ImuDescription) -> tuple[float, float]:
     return float(gyro), float(accelerometer)
 
 
-def _budget(
-    form: str,
-    errors: ImuDescription,
-    rot: np.ndarray,
-    site: Site,
-    duration_s: float,
-    noise_cov: np.ndarray,
-    noise: VelocityNoise,
-    shaking_mps: float,
-) -> ErrorBudget:
-    """What stays the same over the record, from the statement, and the noise, as seen."""
+def _noise_budget(
+    form: str, errors: ImuDescription, noise_cov: np.ndarray, noise: VelocityNoise, shaking_mps: float
+) -> list[BudgetLine]:
+    """Lines of the noise, as stated or as seen."""
     walk = f"{errors.gyro_random_walk_deg_per_sqrt_h:g} deg/sqrt(h)"
     shaking = f"{1e3 * shaking_mps:.2g} mm/s over {noise.interval_s:g} s, as seen"
     stated: tuple[tuple[str, str], ...] = (
@@ -612,14 +689,20 @@ def _budget(
     )
     if form == "weighted":
         stated = (("angle random walk and shaking", f"{walk}, {shaking}"),)
-    lines = list(static_budget(errors, rot, site, duration_s, noise_factor=0.0).lines)
-    lines += [
+    return [
         BudgetLine(source, size, cov)
         for (source, size), cov in zip(stated, noise_cov, strict=True)
         if np.any(cov)
     ]
-    lines.sort(key=lambda line: -float(line.cov_ned_rad2[2, 2]))
-    return ErrorBudget(tuple(lines), rot)
+
+
+def _drift_budget(errors: ImuDescription, drift_cov: np.ndarray) -> list[BudgetLine]:
+    """Lines of what changes slowly."""
+    return [
+        BudgetLine(source, f"{getattr(errors, key):g} {unit}", cov)
+        for (source, key, unit), cov in zip(_DRIFTS, drift_cov, strict=True)
+        if np.any(cov)
+    ]
 
 
 def _measured(problem: _Problem, fit: _Fit, site: Site, left: np.ndarray) -> dict[str, float]:
@@ -707,7 +790,7 @@ def estimate_latitude(
             " that the platform stays in its place, axes and units"
         )
     problem = problem._replace(noise=_seen_noise(problem, left, errors))
-    lines = _noise_lines("velocity-fit", fit, problem, site, problem.noise.shaking_mps)
+    lines = _noise_lines("velocity-fit", fit, problem, site, problem.noise.shaking_mps, 0.0)
     # The bends towards north and east are as noisy: one is the heading, the other the latitude.
     variance = float(lines[:, -1, 2, 2].sum()) * np.cos(site.latitude_rad) ** 2
     if errors is not None:
