@@ -57,15 +57,26 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
+import msgspec
 import numpy as np
 
 from ..attitude.vectors import angle_covariance
 from ..errors import ConfigError, NoSolutionError
 from ..gravity import EARTH_RATE_RADPS
 from ..rotations import exp_so3, heading_pitch_roll
+from ..sensors.processes import flicker_components
 from ..strapdown import InertialIncrements, compress_increments
 from .budget import covariance_after, static_budget, wrapped_covariance
-from .inertial_noise import BUMP_SD, VelocityNoise, bump_factors, estimate_noise, walk_covariance, whiten
+from .inertial_noise import (
+    BUMP_SD,
+    VelocityNoise,
+    bump_factors,
+    drift_covariances,
+    estimate_noise,
+    ramble_covariance,
+    walk_covariance,
+    whiten,
+)
 from .site import Site
 from .solution import BudgetLine, ErrorBudget, NorthRun, NorthSolution
 
@@ -347,8 +358,8 @@ def _responses(form: str) -> np.ndarray:
     They are found by trying: a small turn of the gyros, a small step of the velocity, a velocity in one
     interval only. Of a fit of a parabola, with u the instant as a share of the record, the heading follows a
     rate of the east gyro by :math:`30u^2(1-u)^2`, whose square integrates to 10/7: the variance by white
-    noise is 1.43 times that of plain averaging. An error of the accelerometers that changes feigns a rate: the
-    heading follows it by the derivative of that weight.
+    noise is 1.43 times that of plain averaging. An error of the accelerometers that changes feigns a rate:
+    the heading follows it by the derivative of that weight.
 
     Returns
     -------
@@ -402,11 +413,14 @@ def _response_scales(site: Site, duration_s: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=16)
 def _noise_shapes(form: str) -> np.ndarray:
-    """Covariances by white noise of gyros, accelerometers and shaking, in `_noise_scales`, shape (3, 3, 3)."""
+    """Covariances by white noises in units of `_noise_scales`, shape (4, 3, 3)."""
     found = _responses(form)
     # Of noise over the whole record each pulse has its share of the variance; of shaking, all.
     share = np.array([1.0 / _PULSES, 1.0 / _PULSES, 1.0 * _PULSES])
-    return np.asarray(np.einsum("skap,skaq->spq", found, found) * share[:, None, None])
+    shapes = np.einsum("skap,skaq->spq", found, found) * share[:, None, None]
+    # An error of the velocity at the start is one of opposite sign in all that follow.
+    start = found[2].sum(axis=0)
+    return np.concatenate([shapes, (start.T @ start)[None]])
 
 
 _RATIOS = np.logspace(-6.0, 4.0, 81)
@@ -415,7 +429,7 @@ _RATIOS = np.logspace(-6.0, 4.0, 81)
 
 @lru_cache(maxsize=16)
 def _drift_shapes(form: str) -> tuple[np.ndarray, np.ndarray]:
-    """Covariances by drifts: of unit processes for each of `_RATIOS`, and of a unit walk, by gyro and force."""
+    """Covariances by drifts of gyros and forces: unit processes for each of `_RATIOS`, and a unit walk."""
     found = _responses(form)[:2] / _PULSES
     return (
         np.stack([drift_covariances(each, _RATIOS) for each in found]),

@@ -35,7 +35,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["VelocityNoise", "bump_factors", "estimate_noise", "walk_covariance", "whiten"]
+__all__ = [
+    "VelocityNoise",
+    "bump_factors",
+    "drift_covariances",
+    "estimate_noise",
+    "ramble_covariance",
+    "walk_covariance",
+    "whiten",
+]
 
 _ACCELEROMETER = (np.array([2.0, 4.0, 6.0]) / 6.0, np.array([1.0, -3.0, -2.0]) / 6.0, -1.0 / 6.0)
 _GYRO = (np.array([6.0, 92.0, 66.0]) / 120.0, np.array([19.0, 27.0, 26.0]) / 120.0, 1.0 / 120.0)
@@ -305,3 +313,51 @@ def estimate_noise(
         angle_walk_rad_per_sqrt_s = gyro / interval_s**1.5 / gravity_mps2
     velocity_walk = max(accelerometer / np.sqrt(interval_s), velocity_walk_mps_per_sqrt_s)
     return VelocityNoise(interval_s, shaking, float(velocity_walk), angle_walk_rad_per_sqrt_s)
+
+
+def drift_covariances(response: np.ndarray, ratio: np.ndarray) -> np.ndarray:
+    r"""Covariance that slow drifts leave: Gauss-Markov processes of unit variance.
+
+    The means of such a process over two of k equal parts of a record, m parts from one another, have with
+    :math:`x = T / (k\tau)` the covariance :math:`2 (x - 1 + e^{-x}) / x^2` for m = 0, else
+    :math:`e^{-(m-1)x} (1 - e^{-x})^2 / x^2`.
+
+    Parameters
+    ----------
+    response : ndarray, shape (k, a, 3)
+        Error of the attitude by a mean in each part of the record, for each of the axes.
+    ratio : ndarray, shape (m,)
+        Duration of the record over the time constant.
+
+    Returns
+    -------
+    ndarray, shape (m, 3, 3)
+    """
+    parts = len(response)
+    x = np.asarray(ratio, dtype=float)[:, None, None] / parts
+    lag = np.abs(np.subtract.outer(np.arange(parts), np.arange(parts)))
+    # Below 1e-4 the differences cancel, and one is right to as much.
+    wide = np.maximum(x, 1e-4)
+    apart = np.exp(-np.maximum(lag - 1, 0) * wide) * (np.expm1(-wide) / wide) ** 2
+    same = 2.0 * (wide + np.expm1(-wide)) / wide**2
+    correlation = np.where(x > 1e-4, np.where(lag == 0, same, apart), np.exp(-lag * x))
+    return np.einsum("iap,mij,jaq->mpq", response, correlation, response, optimize=True)
+
+
+def ramble_covariance(response: np.ndarray) -> np.ndarray:
+    """Covariance that a random walk leaves, which starts with the record and has unit variance at its end.
+
+    Parameters
+    ----------
+    response : ndarray, shape (k, a, 3)
+        Error of the attitude by a mean in each part of the record, for each of the axes.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+    """
+    parts = len(response)
+    middle = (np.arange(parts) + 0.5) / parts
+    # A walk covaries with itself later as with itself; within a part its mean lags by a sixth of the part.
+    shared = np.minimum.outer(middle, middle) - np.eye(parts) / (6.0 * parts)
+    return np.asarray(np.einsum("iap,ij,jaq->pq", response, shared, response, optimize=True))
