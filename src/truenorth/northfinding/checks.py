@@ -192,8 +192,9 @@ def check_record(
     _refuse_dead(*samples)
 
     blocks = compress_increments(increments, max(1, round(min(1.0, duration_s / 100.0) / interval_s)))
-    gravity = _gravity(blocks)
-    _refuse_wrong_force(gravity, site, interval_s, errors)
+    strength = np.linalg.norm(blocks.velocity_mps, axis=1) / np.diff(blocks.time_s)
+    gravity = float(np.median(strength))
+    _refuse_wrong_force(strength, site, interval_s, errors)
 
     turn = _turns(blocks)
     mean_rate_radps = float(np.mean(np.linalg.norm(angle, axis=1))) / interval_s
@@ -206,7 +207,7 @@ def check_record(
             np.diff(blocks.time_s)[0]
         )
         excess_radps = TURNING_TOLERANCE * EARTH_RATE_RADPS + TURNING_SHARE * usual_radps
-    _refuse_fast(blocks, turn, site, excess_radps)
+    _refuse_fast(blocks, turn, site, excess_radps, may_turn)
     felt = _felt(blocks, turn)
     limit_mps = VELOCITY_LIMIT_MPS + _velocity_of_errors(gravity, excess_radps, duration_s, may_turn)
     if felt.velocity_rms > limit_mps:
@@ -358,12 +359,11 @@ def _refuse_dead(angle: np.ndarray, velocity: np.ndarray) -> None:
 # ---------------------------------------------------------------------------------- gravity
 
 
-def _gravity(blocks: InertialIncrements) -> float:
-    """Median over blocks of the magnitude of the mean specific force; shaking enters it squared only."""
-    return float(np.median(np.linalg.norm(blocks.velocity_mps, axis=1) / np.diff(blocks.time_s)))
-
-
-def _refuse_wrong_force(gravity: float, site: Site, interval_s: float, errors: ImuDescription | None) -> None:
+def _refuse_wrong_force(
+    strength: np.ndarray, site: Site, interval_s: float, errors: ImuDescription | None
+) -> None:
+    """Magnitudes of the mean specific force of blocks against gravity; shaking enters them squared only."""
+    low, gravity, high = np.percentile(strength, [16.0, 50.0, 84.0])
     ratio = gravity / site.gravity_mps2
     tolerance = GRAVITY_TOLERANCE
     if errors is not None:
@@ -376,6 +376,12 @@ def _refuse_wrong_force(gravity: float, site: Site, interval_s: float, errors: I
         tolerance = max(tolerance, _SIGMAS * float(np.linalg.norm(stated)))
     if abs(ratio - 1.0) <= tolerance:
         return
+    if abs(ratio - 1.0) < 0.2 and high - low > 0.02 * gravity:
+        raise NoSolutionError(
+            f"the body is not at rest: the specific force is {gravity:.4g} m/s^2 where gravity is"
+            f" {site.gravity_mps2:.4f}, and changes by {0.5 * (high - low):.2g} m/s^2 from second to second;"
+            f" select a part at rest with --from and --until"
+        )
     g = 9.80665
     looks = {
         g: "looks like m/s^2 taken as g",
@@ -544,7 +550,9 @@ def _felt(blocks: InertialIncrements, turn: np.ndarray) -> _Felt:
     )
 
 
-def _refuse_fast(blocks: InertialIncrements, turn: np.ndarray, site: Site, excess_radps: float) -> None:
+def _refuse_fast(
+    blocks: InertialIncrements, turn: np.ndarray, site: Site, excess_radps: float, may_turn: bool
+) -> None:
     """Gyros that turn gravity much faster than the Earth does: a wrong factor.
 
     Looked at in parts so short that even then gravity turns by little in each.
@@ -557,6 +565,12 @@ def _refuse_fast(blocks: InertialIncrements, turn: np.ndarray, site: Site, exces
     horizontal = float(np.median([part.horizontal for part in parts]))
     sd = float(np.median([part.horizontal_sd for part in parts]))
     if horizontal > site.horizontal_rate_radps + excess_radps + _SIGMAS * sd:
+        vertical = float(np.median([part.vertical for part in parts]))
+        if not may_turn and abs(vertical) > max(10.0 * horizontal, TURN_LIMIT_RAD / length_s):
+            raise NoSolutionError(
+                f"the body turns about the vertical by {np.degrees(abs(vertical)):.3g} deg/s, and is not at rest;"
+                f" select a part at rest with --from and --until, or take a method for several positions"
+            )
         raise NoSolutionError(_wrong_factor(horizontal / site.horizontal_rate_radps, horizontal, site))
 
 
