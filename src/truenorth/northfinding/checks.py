@@ -568,8 +568,8 @@ def _refuse_fast(
         vertical = float(np.median([part.vertical for part in parts]))
         if not may_turn and abs(vertical) > max(10.0 * horizontal, TURN_LIMIT_RAD / length_s):
             raise NoSolutionError(
-                f"the body turns about the vertical by {np.degrees(abs(vertical)):.3g} deg/s and is not"
-                f" at rest; select a part at rest with --from and --until, or take a method for several positions"
+                f"the body turns about the vertical by {np.degrees(abs(vertical)):.3g} deg/s, not at rest;"
+                f" select a part at rest with --from and --until, or take a method for several positions"
             )
         raise NoSolutionError(_wrong_factor(horizontal / site.horizontal_rate_radps, horizontal, site))
 
