@@ -31,14 +31,26 @@ from ..rotations import exp_so3, heading_pitch_roll, log_so3, rot_ned_from_body
 from ..sensors.imu import STANDARD_GRAVITY_MPS2, ImuDescription
 from ..strapdown import InertialIncrements, compress_increments
 from .budget import DEFLECTION_SD_RAD, deflection_sensitivity, wrapped_covariance
-from .positions_model import Estimate, Model, Noise, TableRecord, estimate, model_of
+from .positions_model import (
+    Estimate,
+    Model,
+    Noise,
+    TableRecord,
+    estimate,
+    gyro_noise_kernel,
+    model_of,
+    sway_mps,
+)
 from .site import Site
 from .solution import BudgetLine, ErrorBudget, NorthRun, NorthSolution
 
 __all__ = ["align_carousel", "align_positions", "find_halts", "positions_budget", "turning_plan"]
 
-BLOCKS = 100
-"""About as many blocks a record becomes; shorter ones hold nothing more of a slow Earth."""
+BLOCKS = 400
+"""At most as many blocks a record becomes; within one the noise of the gyros goes straight."""
+
+SPANS = 100
+"""About as many spans of blocks are looked at; shorter ones hold nothing more of a slow Earth."""
 
 HALT_S = 5.0
 """A halt lasts at least as long."""
@@ -64,8 +76,8 @@ WOBBLE_SD_RAD = float(np.radians(5.0 / 3600.0))
 LEVER_ARM_SD_M = 0.1
 """How far from the axis of a carousel a unit is assumed to stand."""
 
-PER_TURN = 16
-"""Blocks in a turn of a carousel; the sensors' axes turn by 22 degrees in one."""
+PER_TURN = 12
+"""Blocks in a turn of a carousel; the sensors' axes turn by 30 degrees in one."""
 
 MOST_BLOCKS = 400
 """What takes a few seconds to solve."""
@@ -75,8 +87,8 @@ LEAST_PER_TURN = 8
 LOST_DEG = 30.0
 """Drift of a gyro on a carousel beyond which its turns cannot be followed without an encoder."""
 
-SHAKEN = 3.0
-"""Angles within a halt that scatter by as much more than the gyro's noise: the platform moves."""
+SHAKEN = 4.0
+"""Angles within a halt that wander by as much more than the gyro's noise makes them: the platform moves."""
 
 MISFIT = 1.3
 """Residuals that are larger by more than stated widen sigma."""
@@ -178,6 +190,7 @@ def align_positions(
         )
     shortest = min(end - start for start, end in halts)
     blocks = _blocks(increments, _length_s(duration, shortest / 5.0))
+    span = _span(duration, _step_s(blocks), shortest / 5.0)
     halt = _in_halts(blocks.time_s, halts)
     first = np.array([np.flatnonzero(halt == k)[0] for k in range(len(halts))])
     axis = _unit(axis_body)
@@ -188,11 +201,11 @@ def align_positions(
     edges, angles = np.empty(0, dtype=int), np.empty(0)
     if table_angle_rad is not None:
         edges, angles = first, _table_angles(table_angle_rad, turns)
-    table = _record(blocks, halt, edges, angles, axis)
+    table = _record(blocks, span, halt, edges, angles, axis)
     stated = errors if errors is not None else _free_errors(table)
     still = _stands_still(table, stated)
     if not still:
-        table = _record(blocks, halt, edges, angles, axis, rest=False)
+        table = _record(blocks, span, halt, edges, angles, axis, rest=False)
     notes: tuple[str, ...] = ()
     if not still:
         notes += (
@@ -205,7 +218,7 @@ def align_positions(
             "the gyro bias from the Earth rate: sigma is little better than from one position; turn by half "
             "a turn.",
         )
-    noise = Noise(sway_mps=_sway_mps(table, stated), encoder_sd_rad=encoder_sd_rad)
+    noise = Noise(sway_mps=sway_mps(table, site, stated), encoder_sd_rad=encoder_sd_rad)
     measured = {"halts": float(len(halts)), "still": float(still)}
     measured |= {f"turn_{k + 1}_deg": float(np.degrees(turn)) for k, turn in enumerate(turns)}
     found = estimate(table, site, stated, noise)
@@ -290,6 +303,7 @@ def align_carousel(
             "more slowly"
         )
     blocks = _blocks(increments, _length_s(duration, length))
+    span = _span(duration, _step_s(blocks), period / 4.0)
     n = len(blocks.angle_rad)
     edges, angles = np.empty(0, dtype=int), np.empty(0)
     if table_angle_rad is not None:
@@ -305,7 +319,7 @@ def align_carousel(
         # One in a quarter turn is as good as all.
         edges = np.arange(0, n + 1, max(1, PER_TURN // 4))
         angles = given[::samples][: n + 1][edges]
-    table = _record(blocks, np.full(n, -1), edges, angles, axis, fixed_axis=wobble_rad is not None)
+    table = _record(blocks, span, np.full(n, -1), edges, angles, axis, fixed_axis=wobble_rad is not None)
     if errors is not None and table_angle_rad is None:
         drift = errors.gyro_bias_sd_dph / 3600.0 * duration
         scaled = (
@@ -319,7 +333,7 @@ def align_carousel(
             )
     stated = errors if errors is not None else _free_errors(table)
     noise = Noise(
-        sway_mps=_sway_mps(table, stated),
+        sway_mps=sway_mps(table, site, stated),
         encoder_sd_rad=encoder_sd_rad,
         lever_arm_sd_m=lever_arm_sd_m,
         wobble_rad=wobble_rad or 0.0,
@@ -327,7 +341,7 @@ def align_carousel(
     found = estimate(table, site, stated, noise)
     notes: tuple[str, ...] = ()
     if wobble_rad is not None and found.residual_ratio > MISFIT:
-        table = _record(blocks, np.full(n, -1), edges, angles, axis)
+        table = _record(blocks, span, np.full(n, -1), edges, angles, axis)
         alone = estimate(table, site, stated, noise)
         if alone.residual_ratio < 0.9 * found.residual_ratio:
             found = alone
@@ -418,13 +432,15 @@ def positions_budget(
         for k in range(len(plan) - 1)
         if angles[k] == angles[k + 1] and times[k + 1] > times[k]
     ]
-    moving = np.abs(np.diff(angles))
     if halts:
-        step = _length_s(duration, min(end - start for start, end in halts) / 5.0)
+        longest = min(end - start for start, end in halts) / 5.0
+        step = _length_s(duration, longest)
     else:
-        step = max(duration * 2.0 * np.pi / moving.sum() / PER_TURN, duration / MOST_BLOCKS)
-        step = _length_s(duration, step)
+        period = duration * 2.0 * np.pi / np.abs(np.diff(angles)).sum()
+        longest = period / 4.0
+        step = _length_s(duration, max(period / PER_TURN, duration / MOST_BLOCKS))
     n = max(4, round(duration / step))
+    span = _span(duration, duration / n, longest)
     edges = np.linspace(0.0, duration, n + 1)
     table_rad = np.interp(edges, times - times[0], angles)
     rot = exp_so3(edges[:, None] * site.earth_rate_ned_radps) @ rot_ned_from_body(
@@ -442,7 +458,7 @@ def positions_budget(
     if encoder_sd_rad is None:
         known = known[:0]
     table = _record(
-        blocks, halt, known, table_rad[known], np.array([0.0, 0.0, 1.0]), still, still and not halts
+        blocks, span, halt, known, table_rad[known], np.array([0.0, 0.0, 1.0]), still, still and not halts
     )
     noise = Noise(
         sway_mps=sway_mps,
@@ -568,8 +584,13 @@ def _step_s(increments: InertialIncrements) -> float:
 
 def _length_s(duration_s: float, longest_s: float) -> float:
     """Length of a block: whole seconds, so that the estimate is known after each, or less than one."""
-    length = min(max(1.0, duration_s // BLOCKS), longest_s)
-    return float(np.floor(length)) if length > 1.0 else length
+    length = min(max(1.0, np.ceil(duration_s / BLOCKS)), longest_s)
+    return float(np.floor(length)) if length > 1.0 else float(length)
+
+
+def _span(duration_s: float, step_s: float, longest_s: float) -> int:
+    """Blocks in a span."""
+    return max(1, round(min(max(1.0, duration_s / SPANS), longest_s) / step_s))
 
 
 def _blocks(increments: InertialIncrements, length_s: float) -> InertialIncrements:
@@ -619,6 +640,7 @@ def _in_halts(edge_s: np.ndarray, halts: Sequence[tuple[float, float]]) -> np.nd
 
 def _record(
     blocks: InertialIncrements,
+    span: int,
     halt: np.ndarray,
     edges: np.ndarray,
     angles: np.ndarray,
@@ -626,10 +648,15 @@ def _record(
     rest: bool = True,
     fixed_axis: bool = False,
 ) -> TableRecord:
-    """Blocks with what is looked at: forces within a halt, or everywhere where there is none."""
-    inside = halt[1:] == halt[:-1]
-    if np.any(halt >= 0):
-        inside &= halt[1:] >= 0
+    """Blocks with what is looked at: within each halt, or everywhere where there is none."""
+    stretches = [np.flatnonzero(halt == k) for k in range(int(halt.max()) + 1)] or [np.arange(len(halt))]
+    forces, still = [], []
+    for stretch in stretches:
+        first, end = stretch[0], stretch[-1] + 1
+        forces.append(np.arange(first + span, end - span + 1, span))
+        marks = np.unique(np.append(np.arange(first, end, span), end))
+        still.append(np.stack([marks[:-1], marks[1:]], axis=1))
+    spans, none = np.concatenate(still), np.empty((0, 2), dtype=int)
     return TableRecord(
         step_s=_step_s(blocks),
         edge_s=blocks.time_s - blocks.time_s[0],
@@ -637,9 +664,10 @@ def _record(
         velocity_mps=blocks.velocity_mps,
         position_m=np.asarray(blocks.position_m),
         halt=halt,
-        force_edges=np.flatnonzero(inside) + 1,
-        rest_blocks=np.flatnonzero(halt >= 0) if rest else np.empty(0, dtype=int),
-        axis_blocks=np.arange(len(halt)) if fixed_axis else np.empty(0, dtype=int),
+        span=span,
+        force_edges=np.concatenate(forces),
+        rest=spans if rest and np.any(halt >= 0) else none,
+        axis=spans if fixed_axis else none,
         table_edges=edges,
         table_rad=angles,
         axis_body=axis,
@@ -708,53 +736,20 @@ def _table_angles(table_angle_rad: np.ndarray, turns: list[float]) -> np.ndarray
 
 def _stands_still(table: TableRecord, errors: ImuDescription) -> bool:
     """Whether the angles within the halts wander no more than by the noise of the gyros."""
-    density = np.radians(errors.gyro_random_walk_deg_per_sqrt_h) / 60.0
-    floor = np.radians(errors.gyro_bias_instability_dph) / 3600.0
     # A count or two of the gyro, and what no platform is free of.
     rounded = np.radians(errors.gyro_resolution_dps) / errors.rate_hz + 2e-6
     for k in range(int(table.halt.max()) + 1):
-        turn = table.turn_rad[table.halt == k]
-        length = len(turn) * table.step_s
-        angle = np.cumsum(turn, axis=0)
-        time = np.arange(len(turn)) - 0.5 * (len(turn) - 1)
-        line = np.stack([np.ones(len(turn)), time], axis=1)
-        wander = angle - line @ np.linalg.lstsq(line, angle, rcond=None)[0]
-        # A random walk less its straight line has a variance of N^2 T / 15.
-        expected = np.sqrt(density**2 * length / 15.0 + (0.3 * floor * length) ** 2 + rounded**2)
-        if np.max(np.sqrt(np.mean(wander**2, axis=0))) > SHAKEN * expected:
+        blocks = np.flatnonzero(table.halt == k)
+        n = len(blocks)
+        sums = np.tril(np.ones((n, n)))
+        line = np.stack([np.ones(n), np.arange(n) - 0.5 * (n - 1)], axis=1)
+        off_line = (np.eye(n) - line @ np.linalg.pinv(line)) @ sums
+        noise = gyro_noise_kernel(table.edge_s[blocks[0] : blocks[-1] + 2], errors)
+        expected = np.einsum("ij,jk,ik->", off_line, noise, off_line, optimize=True) / n + rounded**2
+        wander = np.mean((off_line @ table.turn_rad[blocks]) ** 2, axis=0)
+        if np.max(wander) > SHAKEN**2 * expected:
             return False
     return True
-
-
-def _sway_mps(table: TableRecord, errors: ImuDescription) -> float:
-    """Velocity of a swaying platform: what the force scatters by beyond the noise of the accelerometers."""
-    t, k = table.step_s, table.force_edges
-    near = np.flatnonzero(np.diff(k) == 1)
-    near = near[:-1][np.diff(near) == 1]
-    if len(near) < 8:
-        return 0.0
-    turn = exp_so3(table.turn_rad)
-    rot = np.empty((len(turn), 3, 3))
-    rot[0] = np.eye(3)
-    for j in range(1, len(turn)):
-        rot[j] = rot[j - 1] @ turn[j - 1]
-    velocity, position = (
-        np.einsum("nij,nj->ni", rot, rows) for rows in (table.velocity_mps, table.position_m)
-    )
-    force = velocity[k - 1] + (position[k] - position[k - 1]) / t
-    # Gravity and the drift of the gyros change slowly in axes that do not turn, biases turn with the body.
-    slow = (table.edge_s[k] / table.edge_s[-1])[:, None] ** np.arange(3.0)
-    columns = np.concatenate([np.kron(slow, np.eye(3)).reshape(len(k), 3, 9), rot[k]], axis=2).reshape(-1, 12)
-    force = force - (columns @ np.linalg.lstsq(columns, force.ravel(), rcond=None)[0]).reshape(-1, 3)
-    bend = force[near] - 2.0 * force[near + 1] + force[near + 2]
-    # The median of the squares of a normal variable of variance one is 0.455.
-    variance = float(np.median(bend**2)) / 0.455
-    density = errors.accel_random_walk_mps_per_sqrt_h / 60.0
-    # Second differences of what has variance 2/3 and covariance 1/6 from one to the next (noise), or 2 and
-    # -1 (velocity that is white from block to block).
-    noise = density**2 * t * (6.0 * 2.0 / 3.0 - 8.0 / 6.0)
-    # A median of some hundred squares scatters by a tenth or two.
-    return float(np.sqrt((variance - noise) / 20.0)) if variance > 1.6 * noise else 0.0
 
 
 def _free_errors(table: TableRecord) -> ImuDescription:

@@ -1,6 +1,6 @@
 r"""Least squares of a unit on a table: observations, their covariance from all stated errors, the estimate.
 
-The record is cut into blocks of about a second. With the attitude :math:`C_k` integrated from the gyros in a
+The record is cut into blocks of a second or two. With the attitude :math:`C_k` integrated from the gyros in a
 frame that was north, east, down at the start, and :math:`E_k` the turn of the Earth since, the error of the
 integrated attitude at the k-th edge is
 
@@ -9,13 +9,13 @@ integrated attitude at the k-th edge is
 :math:`e_j` the error of the gyros over block j in the axes of its middle, :math:`\bar C_j`.
 What ought to be zero and is observed:
 
-* *force*: the horizontal part of the mean specific force around edge k, from second differences of the
-  doubly integrated force, so that the velocity of a swaying platform averages out:
-  :math:`E_k^T(\varphi_k\times f)` and the errors of the accelerometers;
-* *rest*, of a platform that stands still: the turn against the Earth over a block in a halt,
-  :math:`E_{k+1}^T\varphi_{k+1} - E_k^T\varphi_k`;
+* *force*: the horizontal part of the mean specific force around an edge, from second differences over some
+  blocks of the doubly integrated force, so that the velocity of a swaying platform averages out:
+  :math:`E_k^T(\varphi_k\times f)`, the mean over a triangle, and the errors of the accelerometers;
+* *rest*, of a platform that stands still: the turn against the Earth over some blocks in a halt,
+  :math:`E_l^T\varphi_l - E_k^T\varphi_k`;
 * *axis*, of a table whose axis stands still while it turns: that axis in the Earth, from edge to edge,
-  :math:`E_{k+1}^TC_{k+1}a - E_k^TC_ka`, with the misalignment of a in the body;
+  :math:`E_l^TC_la - E_k^TC_ka`, with the misalignment of a in the body;
 * *table*, where an encoder gives its angles: the turn about the axis, less what the encoder says.
 
 Everything that is stated of the sensors enters through the covariance of the observations, so the estimate is
@@ -44,7 +44,18 @@ from ..sensors.processes import flicker_components
 from .site import Site
 from .solution import BudgetLine
 
-__all__ = ["Estimate", "Geometry", "Model", "Noise", "Source", "TableRecord", "estimate", "model_of"]
+__all__ = [
+    "Estimate",
+    "Geometry",
+    "Model",
+    "Noise",
+    "Source",
+    "TableRecord",
+    "estimate",
+    "gyro_noise_kernel",
+    "model_of",
+    "sway_mps",
+]
 
 _DPH = np.pi / 180.0 / 3600.0
 _UG = 1e-6 * STANDARD_GRAVITY_MPS2
@@ -103,12 +114,14 @@ class TableRecord:
         Increments of each block, in its first axes.
     halt : ndarray of int, shape (n,)
         Number of the halt that a block belongs to, -1 while it turns.
+    span : int
+        Blocks on either side of an edge in a second difference.
     force_edges : ndarray of int
-        Edges around which the force is looked at.
-    rest_blocks : ndarray of int
-        Blocks that do not turn against the Earth.
-    axis_blocks : ndarray of int
-        Blocks in which the axis of the table stands still.
+        Edges around which the force is looked at, `span` apart.
+    rest : ndarray of int, shape (k, 2)
+        Edges between which the body does not turn against the Earth.
+    axis : ndarray of int, shape (k, 2)
+        Edges between which the axis of the table does not.
     table_edges : ndarray of int
         Edges at which the table's angle is known, the first of them the reference.
     table_rad : ndarray
@@ -123,9 +136,10 @@ class TableRecord:
     velocity_mps: np.ndarray
     position_m: np.ndarray
     halt: np.ndarray
+    span: int
     force_edges: np.ndarray
-    rest_blocks: np.ndarray
-    axis_blocks: np.ndarray
+    rest: np.ndarray
+    axis: np.ndarray
     table_edges: np.ndarray
     table_rad: np.ndarray
     axis_body: np.ndarray
@@ -182,28 +196,31 @@ class Geometry:
         self.shrink = np.swapaxes(half, -1, -2) @ _mean_turn(turn)
         self.earth = exp_so3(table.edge_s[:, None] * earth_radps)
         self.axis = rot[0] @ table.axis_body
-        blocks, edges = table.rest_blocks, table.force_edges
         # The instant at which a row is known, and rows in that order.
-        known = [np.repeat(edges + 1, 2), np.repeat(blocks + 1, 3), np.repeat(table.axis_blocks + 1, 2)]
-        known.append(table.table_edges[1:])
+        known = [np.repeat(table.force_edges + table.span, 2)]
+        known += [np.repeat(table.rest[:, 1], 3), np.repeat(table.axis[:, 1], 2), table.table_edges[1:]]
         self.order = np.argsort(np.concatenate(known), kind="stable")
         self.known = np.concatenate(known)[self.order]
 
+    def forces(self) -> np.ndarray:
+        """Mean specific force around the edges times the length of a span, in north, east, down, m/s."""
+        table, t = self.table, self.table.step_s
+        velocity = np.einsum("nij,nj->ni", self.rot[:-1], table.velocity_mps)
+        position = np.einsum("nij,nj->ni", self.rot[:-1], table.position_m)
+        position[1:] += t * np.cumsum(velocity[:-1], axis=0)
+        position = np.concatenate([np.zeros((1, 3)), np.cumsum(position, axis=0)])
+        k, span = table.force_edges, table.span
+        force = (position[k + span] - 2.0 * position[k] + position[k - span]) / (span * t)
+        return np.asarray(np.einsum("nji,nj->ni", self.earth[k], force))
+
     def residuals(self) -> np.ndarray:
         """What ought to be zero, shape (m,)."""
-        table, earth, rot = self.table, self.earth, self.rot
-        back = np.swapaxes(earth, -1, -2)
-        velocity = np.einsum("nij,nj->ni", rot[:-1], table.velocity_mps)
-        position = np.einsum("nij,nj->ni", rot[:-1], table.position_m)
-        k = table.force_edges
-        force = velocity[k - 1] + (position[k] - position[k - 1]) / table.step_s
-        force = np.einsum("nij,nj->ni", back[k], force)[:, :2]
-        still = back @ rot
-        j = table.rest_blocks
-        rest = log_so3(still[j + 1] @ np.swapaxes(still[j], -1, -2))
+        table = self.table
+        still = np.swapaxes(self.earth, -1, -2) @ self.rot
+        rest = log_so3(still[table.rest[:, 1]] @ np.swapaxes(still[table.rest[:, 0]], -1, -2))
         pointed = still @ table.axis_body
-        axis = pointed[table.axis_blocks + 1] - pointed[table.axis_blocks]
-        return self._stack(force, rest, axis[:, :2], self._table_residuals(still))
+        axis = pointed[table.axis[:, 1]] - pointed[table.axis[:, 0]]
+        return self._stack(self.forces()[:, :2], rest, axis[:, :2], self._table_residuals(still))
 
     def _table_residuals(self, still: np.ndarray) -> np.ndarray:
         """Turn about the axis since the first known angle less what the table says."""
@@ -236,16 +253,18 @@ class Geometry:
     def observe(self, angle: np.ndarray, accel: np.ndarray | None) -> np.ndarray:
         """Observations for the attitude error at the edges, shape (n + 1, 3, q), in the starting frame."""
         table, back = self.table, np.swapaxes(self.earth, -1, -2)
-        k, j = table.force_edges, table.rest_blocks
         here = np.einsum("nij,njq->niq", back, angle)
-        mean = (here[k - 1] + 4.0 * here[k] + here[k + 1]) / 6.0
-        pull = self.gravity * table.step_s
+        at_edges, of_blocks = _triangle(table.span)
+        k = table.force_edges
+        mean = sum((weight * here[k + o] for o, weight in at_edges), np.zeros((len(k), 3, here.shape[-1])))
+        pull = self.gravity * table.step_s * table.span
         force = np.stack([-pull * mean[:, 1], pull * mean[:, 0]], axis=1)
         if accel is not None:
-            force = force + np.einsum("nij,njq->niq", back[k], 0.5 * (accel[k - 1] + accel[k]))[:, :2]
-        rest = here[j + 1] - here[j]
-        j = table.axis_blocks
-        axis = -np.einsum("ij,njq->niq", skew(self.axis), here[j + 1] - here[j])[:, :2]
+            felt = sum((weight * accel[k + o] for o, weight in of_blocks), np.zeros_like(mean))
+            force = force + np.einsum("nij,njq->niq", back[k], felt)[:, :2]
+        rest = here[table.rest[:, 1]] - here[table.rest[:, 0]]
+        moved = here[table.axis[:, 1]] - here[table.axis[:, 0]]
+        axis = -np.einsum("ij,njq->niq", skew(self.axis), moved)[:, :2]
         edges = table.table_edges
         turned = np.einsum("i,niq->nq", self.axis, here[edges[1:]] - here[edges[:1]])
         return self._stack(force, rest, axis, turned)
@@ -256,43 +275,45 @@ class Geometry:
 
     def lever_columns(self) -> np.ndarray:
         """Response of the observations to a lever arm in body axes, shape (m, 3)."""
-        table, k = self.table, self.table.force_edges
-        swung = (self.rot[k + 1] - 2.0 * self.rot[k] + self.rot[k - 1]) / table.step_s
+        table, k, span = self.table, self.table.force_edges, self.table.span
+        swung = (self.rot[k + span] - 2.0 * self.rot[k] + self.rot[k - span]) / (span * table.step_s)
         force = (np.swapaxes(self.earth[k], -1, -2) @ swung)[:, :2]
         table = self.table
         return self._stack(
             force,
-            np.zeros((len(table.rest_blocks), 3, 3)),
-            np.zeros((len(table.axis_blocks), 2, 3)),
+            np.zeros((len(table.rest), 3, 3)),
+            np.zeros((len(table.axis), 2, 3)),
             np.zeros((max(len(table.table_edges) - 1, 0), 3)),
         )
 
     def axis_columns(self) -> np.ndarray:
         """Response of the observations to a misalignment of the axis in the body, shape (m, 3)."""
-        table, j = self.table, self.table.axis_blocks
+        table = self.table
         still = np.swapaxes(self.earth, -1, -2) @ self.rot
         return self._stack(
             np.zeros((len(table.force_edges), 2, 3)),
-            np.zeros((len(table.rest_blocks), 3, 3)),
-            (still[j] - still[j + 1])[:, :2],
+            np.zeros((len(table.rest), 3, 3)),
+            (still[table.axis[:, 0]] - still[table.axis[:, 1]])[:, :2],
             np.zeros((max(len(table.table_edges) - 1, 0), 3)),
         )
 
-    def white_rows(self, noise: Noise, velocity_density: float = 0.0) -> np.ndarray:
-        """Covariance of what is white in velocity or angle, shape (m, m)."""
-        table, t = self.table, self.table.step_s
+    def white_rows(
+        self, noise: Noise, velocity_density: float = 0.0, within: tuple[float, float] = (0.0, 0.0)
+    ) -> np.ndarray:
+        """Covariance of what is white in velocity or angle, or stays within a span, shape (m, m)."""
+        table = self.table
 
-        def neighbours(index: np.ndarray, same: float, next_to: float) -> np.ndarray:
-            near = np.abs(index[:, None] - index[None, :])
-            return np.asarray(np.select([near == 0, near == 1], [same, next_to], 0.0))
+        def neighbours(first: np.ndarray, last: np.ndarray, same: float, next_to: float) -> np.ndarray:
+            chained = last[:, None] == first[None, :]
+            return same * np.eye(len(first)) + next_to * (chained | chained.T)
 
         # A second difference of white noise's second integral; a first difference of what is white itself.
-        noisy = velocity_density**2 * t
-        edges = table.force_edges
-        force = neighbours(edges, 2.0 / 3.0 * noisy, noisy / 6.0)
-        force += noise.sway_mps**2 * neighbours(edges, 2.0, -1.0)
-        rest = noise.rest_rad**2 * neighbours(table.rest_blocks, 2.0, -1.0)
-        axis = noise.wobble_rad**2 * neighbours(table.axis_blocks, 2.0, -1.0)
+        noisy = velocity_density**2 * table.step_s * table.span
+        edges = (table.force_edges, table.force_edges + table.span)
+        force = neighbours(*edges, 2.0 / 3.0 * noisy, noisy / 6.0)
+        force += noise.sway_mps**2 * neighbours(*edges, 2.0, -1.0) + neighbours(*edges, *within)
+        rest = noise.rest_rad**2 * neighbours(table.rest[:, 0], table.rest[:, 1], 2.0, -1.0)
+        axis = noise.wobble_rad**2 * neighbours(table.axis[:, 0], table.axis[:, 1], 2.0, -1.0)
         n_table = max(len(table.table_edges) - 1, 0)
         turned = noise.encoder_sd_rad**2 * (np.eye(n_table) + 1.0)
         parts = [np.kron(force, np.eye(2)), np.kron(rest, np.eye(3)), np.kron(axis, np.eye(2)), turned]
@@ -339,6 +360,61 @@ def _walk_kernel(edge_s: np.ndarray) -> np.ndarray:
     """Covariance at the middles of blocks of a walk that starts with the record, shape (n, n)."""
     middle = 0.5 * (edge_s[1:] + edge_s[:-1]) - edge_s[0]
     return np.asarray(np.minimum(middle[:, None], middle[None, :]))
+
+
+def gyro_noise_kernel(edge_s: np.ndarray, errors: ImuDescription) -> np.ndarray:
+    """Covariance of what changes from block to block in a gyro, shape (n, n), rad^2."""
+    t, n = float(edge_s[1] - edge_s[0]), len(edge_s) - 1
+    density = np.radians(errors.gyro_random_walk_deg_per_sqrt_h) / 60.0
+    total = density**2 * t * np.eye(n)
+    total += (_DPH * errors.gyro_bias_instability_dph * t) ** 2 * _flicker_kernel(edge_s)
+    total += (_DPH * errors.gyro_bias_walk_dph_per_sqrt_h * t) ** 2 / 3600.0 * _walk_kernel(edge_s)
+    return np.asarray(total)
+
+
+def _triangle(span: int) -> tuple[list[tuple[int, float]], list[tuple[int, float]]]:
+    """Mean over a triangle of what is straight between edges, and of what is constant within blocks.
+
+    Returns
+    -------
+    at_edges, of_blocks : list of (int, float)
+        Offset from the edge in the middle, and weight; each sums to one.
+    """
+
+    def height(offset: float) -> float:
+        return max(1.0 - abs(offset) / span, 0.0)
+
+    at_edges = [
+        (o, (height(o - 1) + 4.0 * height(o) + height(o + 1)) / (6.0 * span)) for o in range(-span, span + 1)
+    ]
+    return at_edges, [(o, height(o + 0.5)) for o in range(-span, span)]
+
+
+def _within_blocks(step_s: float, span: int, errors: ImuDescription, gravity: float) -> tuple[float, float]:
+    """What the sensors do within blocks, seen in the force: its variance, covariance from edge to edge.
+
+    The response takes the angle between edges for a straight line and the errors of the accelerometers for
+    constant within a block. What is left is computed on parts of blocks, for two force edges; (m/s)^2.
+    """
+    parts = 8 if span == 1 else 4
+    blocks = 3 * span
+    n = blocks * parts
+    edge_s = np.linspace(0.0, blocks * step_s, n + 1)
+    middle = (np.arange(n) + 0.5) / parts
+    edges = span * np.array([1, 2])
+    weight = np.maximum(1.0 - np.abs(middle[None, :] - edges[:, None]) / span, 0.0) / (span * parts)
+    # The angle in the middle of a part is all that was gained before it and half of its own.
+    gained = np.tril(np.ones((n, n)), -1) + 0.5 * np.eye(n)
+    at_edge = np.array([(np.arange(n) < k * parts).astype(float) for k in range(blocks + 1)])
+    in_block = np.diff(at_edge, axis=0) / parts
+    at_edges, of_blocks = _triangle(span)
+    straight = np.array([sum(w * at_edge[k + o] for o, w in at_edges) for k in edges])
+    constant = np.array([sum(w / span * in_block[k + o] for o, w in of_blocks) for k in edges])
+    bent = gravity * step_s * span * (weight @ gained - straight)
+    floor = _UG * errors.accel_bias_instability_ug * step_s * span
+    uneven = floor * (weight - constant)
+    total = bent @ gyro_noise_kernel(edge_s, errors) @ bent.T + uneven @ _flicker_kernel(edge_s) @ uneven.T
+    return float(total[0, 0]), float(total[0, 1])
 
 
 def _sources(table: TableRecord, errors: ImuDescription, turn_rad: np.ndarray) -> list[Source]:
@@ -431,6 +507,30 @@ def _sources(table: TableRecord, errors: ImuDescription, turn_rad: np.ndarray) -
     return [source for source in stated if source.is_there]
 
 
+def _spread(by: np.ndarray, kernels: list[np.ndarray], columns: list[np.ndarray]) -> np.ndarray:
+    """Covariance of observations, which see errors of blocks by (m, n, 3), with those errors.
+
+    Parameters
+    ----------
+    by : ndarray, shape (m, n, 3)
+        Response to each error.
+    kernels : list of ndarray, shape (n, n)
+        Covariances of processes that each axis has by itself.
+    columns : list of ndarray, shape (n, 3, q)
+        Effects of constants of unit variance.
+    """
+    m, n, _ = by.shape
+    total = np.zeros((m, n, 3))
+    if kernels:
+        apart = np.ascontiguousarray(np.swapaxes(by, 1, 2)).reshape(3 * m, n)
+        spread = apart @ sum(kernels, np.zeros((n, n)))
+        total += np.swapaxes(spread.reshape(m, 3, n), 1, 2)
+    if columns:
+        effects = np.concatenate(columns, axis=2).reshape(3 * n, -1)
+        total += ((by.reshape(m, 3 * n) @ effects) @ effects.T).reshape(m, n, 3)
+    return total
+
+
 class Model:
     """Covariance of the observations, and what follows from it: gains, covariances, budget.
 
@@ -456,17 +556,15 @@ class Model:
         self.by_accel = geometry.respond(None, wide).reshape(-1, n, 3)
         m = len(self.by_gyro)
         covariance = sum((part for _, _, part in white), np.zeros((m, m)))
-        with_gyro, with_accel = np.zeros((m, n, 3)), np.zeros((m, n, 3))
         for source in sources:
-            with_gyro += self.with_gyro(source)
-            if source.accel_kernel is not None:
-                with_accel += np.einsum("mni,nk->mki", self.by_accel, source.accel_kernel, optimize=True)
-            if source.accel is not None:
-                with_accel += np.tensordot(
-                    np.tensordot(self.by_accel, source.accel, 2), source.accel, axes=(1, 2)
-                )
             if source.rows is not None:
                 covariance += source.rows @ source.rows.T
+        with_gyro = self.with_gyro()
+        with_accel = _spread(
+            self.by_accel,
+            [source.accel_kernel for source in sources if source.accel_kernel is not None],
+            [source.accel for source in sources if source.accel is not None],
+        )
         flat = (m, 3 * n)
         covariance += with_gyro.reshape(flat) @ self.by_gyro.reshape(flat).T
         covariance += with_accel.reshape(flat) @ self.by_accel.reshape(flat).T
@@ -489,14 +587,22 @@ class Model:
         lean = np.eye(3) - added.T @ self.start
         return self._unwhiten((lean @ self._normal @ self.start.T + added.T).T).T
 
-    def with_gyro(self, source: Source) -> np.ndarray:
-        """Covariance of the observations with the errors of the gyros by one source, shape (m, n, 3)."""
-        total = np.zeros_like(self.by_gyro)
-        if source.gyro_kernel is not None:
-            total += np.einsum("mni,nk->mki", self.by_gyro, source.gyro_kernel, optimize=True)
-        if source.gyro is not None:
-            total += np.tensordot(np.tensordot(self.by_gyro, source.gyro, 2), source.gyro, axes=(1, 2))
-        return total
+    def with_gyro(self, names: tuple[str, ...] | None = None, but: tuple[str, ...] = ()) -> np.ndarray:
+        """Covariance of the observations with the errors of the gyros, shape (m, n, 3).
+
+        Parameters
+        ----------
+        names : tuple of str, optional
+            Sources that count; all unless said.
+        but : tuple of str
+            Sources that do not.
+        """
+        chosen = [s for s in self.sources if (names is None or s.name in names) and s.name not in but]
+        return _spread(
+            self.by_gyro,
+            [source.gyro_kernel for source in chosen if source.gyro_kernel is not None],
+            [source.gyro for source in chosen if source.gyro is not None],
+        )
 
     def gyro_prior(self, function: np.ndarray, names: tuple[str, ...] | None = None) -> np.ndarray:
         """Covariance, before any observation, of linear functions of the errors of the gyros.
@@ -670,10 +776,7 @@ class Estimate:
         names = DRIFT + (("gyro scale", "gyro misalignment") if turning else ())
         length = len(table.turn_rad) * table.step_s
         unshrunk = np.linalg.inv(model.geometry.shrink)
-        cross = np.zeros_like(model.by_gyro)
-        for source in model.sources:
-            if source.name in names:
-                cross += model.with_gyro(source)
+        cross = model.with_gyro(names)
         total = np.einsum("mni,nji->mj", cross, unshrunk) / length
         function = np.swapaxes(unshrunk, 0, 1) / length
         cov = model.known(total, model.gyro_prior(function, names))
@@ -752,13 +855,17 @@ def model_of(
     silent = Noise(rest_rad=0.0)
     walk = f"{errors.accel_random_walk_mps_per_sqrt_h:g} m/s/sqrt(h)"
     white = [("velocity random walk", walk, geometry.white_rows(silent, float(density)))]
+    within = _within_blocks(table.step_s, table.span, errors, site.gravity_mps2)
+    white.append(
+        ("noise within a block", f"of {table.step_s:.2g} s", geometry.white_rows(silent, within=within))
+    )
     moved = replace(silent, sway_mps=noise.sway_mps, rest_rad=noise.rest_rad)
     white.append(("motion of the platform", f"{1e3 * noise.sway_mps:.2g} mm/s", geometry.white_rows(moved)))
     arcsec = 3600.0 * np.degrees(np.array([noise.encoder_sd_rad, noise.wobble_rad]))
     if len(table.table_edges) > 1:
         read = geometry.white_rows(replace(silent, encoder_sd_rad=noise.encoder_sd_rad))
         white.append(("table angle", f"{arcsec[0]:.3g} arcsec", read))
-    if len(table.axis_blocks):
+    if len(table.axis):
         wobbles = geometry.white_rows(replace(silent, wobble_rad=noise.wobble_rad))
         white.append(("wobble of the table", f"{arcsec[1]:.3g} arcsec", wobbles))
         off = AXIS_SD_RAD * geometry.axis_columns()
@@ -783,30 +890,27 @@ def estimate(table: TableRecord, site: Site, errors: ImuDescription, noise: Nois
     gyro_rad = _first_gyro_error(table)
     start = _coarse(table, site, errors, noise, _level_start(table, gyro_rad), gyro_rad)
     earth = site.earth_rate_ned_radps
-    # Two rounds move the point about which all is linear; in a third the covariances stay.
-    for round_ in range(4):
-        if round_ < 2:
+    # The covariances move with the attitude while that moves by more than a hundredth.
+    moved = np.inf
+    for round_ in range(5):
+        if round_ < 3 and moved > 0.01:
             model = model_of(
                 table, site, errors, start=start, earth_radps=earth, gyro_rad=gyro_rad, noise=noise
             )
-            slow = sum(
-                (
-                    model.with_gyro(s)
-                    for s in model.sources
-                    if s.name not in (ANGLE_RANDOM_WALK, QUANTISATION)
-                ),
-                np.zeros_like(model.by_gyro),
-            )
+            slow = model.with_gyro(but=(ANGLE_RANDOM_WALK, QUANTISATION))
         else:
             model.geometry = Geometry(table, start, earth, site.gravity_mps2, gyro_rad)
         geometry = model.geometry
         taken = np.einsum("nij,nj->ni", geometry.shrink, gyro_rad)
         observed = geometry.residuals() + np.tensordot(model.by_gyro, taken, 2)
         turn, left = model.fit(observed)
-        if round_ == 3 or (round_ == 2 and np.max(np.abs(turn)) < 1e-7):
+        if np.max(np.abs(turn)) < 1e-7:
             break
         start = exp_so3(-turn) @ start
+        before = gyro_rad
         gyro_rad = np.linalg.solve(geometry.shrink, model.expected(left, slow)[:, :, None])[:, :, 0]
+        drifted = np.abs(np.cumsum(gyro_rad - before, axis=0))
+        moved = float(max(np.max(np.abs(turn)), np.max(drifted)))
     error = model.gain @ observed - np.tensordot(model.turn, taken, 2)
     end = geometry.earth[-1].T @ exp_so3(-error) @ geometry.rot[-1]
     return Estimate(end, model, errors, observed, left, taken)
@@ -844,7 +948,7 @@ def _coarse(
 def _first_gyro_error(table: TableRecord) -> np.ndarray:
     """Bias of gyros that turn faster than the Earth by themselves, as angle per block, shape (n, 3)."""
     turn = table.turn_rad
-    if len(table.rest_blocks) or not np.all(table.halt < 0):
+    if np.any(table.halt >= 0):
         mean = turn[table.halt >= 0].mean(axis=0)
     else:
         # On a carousel the mean force lies along the axis; what is across it is no spin.
@@ -855,6 +959,52 @@ def _first_gyro_error(table: TableRecord) -> np.ndarray:
     if np.linalg.norm(mean) < 5.0 * EARTH_RATE_RADPS * table.step_s:
         mean = np.zeros(3)
     return np.tile(mean, (len(turn), 1))
+
+
+def sway_mps(table: TableRecord, site: Site, errors: ImuDescription) -> float:
+    """Velocity of a swaying platform: what the force scatters by beyond the noise of the sensors.
+
+    Parameters
+    ----------
+    table : TableRecord
+        The record.
+    site : Site
+        Where.
+    errors : ImuDescription
+        What is stated of the sensors.
+
+    Returns
+    -------
+    float
+        Of the mean velocity over a span; 0 where nothing is seen.
+    """
+    k, span = table.force_edges, table.span
+    near = np.flatnonzero(np.diff(k) == span)
+    near = near[:-1][np.diff(near) == 1]
+    if len(near) < 8:
+        return 0.0
+    gyro_rad = _first_gyro_error(table)
+    earth = np.array([0.0, 0.0, site.earth_rate_ned_radps[2]])
+    geometry = Geometry(table, _level_start(table, gyro_rad), earth, site.gravity_mps2, gyro_rad)
+    force = geometry.forces()[:, :2]
+    # Tilts by the gyros' drift change slowly, biases of the accelerometers turn with the body.
+    slow = (table.edge_s[k] / table.edge_s[-1])[:, None] ** np.arange(4.0)
+    columns = np.concatenate([np.kron(slow, np.eye(2)).reshape(len(k), 2, 8), geometry.rot[k, :2]], axis=2)
+    columns = columns.reshape(-1, columns.shape[-1])
+    force = force - (columns @ np.linalg.lstsq(columns, force.ravel(), rcond=None)[0]).reshape(-1, 2)
+    bend = force[near] - 2.0 * force[near + 1] + force[near + 2]
+    # The median of the squares of a normal variable of variance one is 0.455.
+    variance = float(np.median(bend**2)) / 0.455
+    # Variances of second differences of what has a variance and a covariance from one to the next.
+    density = errors.accel_random_walk_mps_per_sqrt_h / 60.0
+    noise = density**2 * table.step_s * span * (6.0 * 2.0 / 3.0 - 8.0 / 6.0)
+    within = _within_blocks(table.step_s, span, errors, site.gravity_mps2)
+    noise += 6.0 * within[0] - 8.0 * within[1]
+    # The angle random walk between edges: second differences of what walks.
+    walk = np.radians(errors.gyro_random_walk_deg_per_sqrt_h) / 60.0
+    noise += 2.0 * (walk * site.gravity_mps2 * table.step_s * span) ** 2 * table.step_s * span
+    # A median of some hundred squares scatters by a tenth or two.
+    return float(np.sqrt((variance - noise) / 20.0)) if variance > 1.6 * noise else 0.0
 
 
 def _level_start(table: TableRecord, gyro_rad: np.ndarray) -> np.ndarray:
