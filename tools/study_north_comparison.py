@@ -109,8 +109,8 @@ def page(comparison, command):
         *paragraph("""Processor time of one answer, from raw phases, increments or accelerations to the
             heading with its sigma, compiled, on the machine that made this page; only the ratios mean
             anything elsewhere. Of the search and of all that takes single epochs it is the time of all runs
-            together over their number. Averaging includes the check whether the platform rocked. The filters and
-            the least squares on the table are plain NumPy."""),
+            together over their number. Averaging includes the check whether the platform rocked. The filters
+            and the least squares on the table are plain NumPy."""),
         *costs(comparison, of),
         "## What it says",
         "",

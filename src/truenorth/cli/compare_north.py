@@ -36,6 +36,7 @@ def run_compare_north(
     import json
 
     from ..evaluation import compare_north
+    from ..evaluation.north_comparison import TECHNIQUES
     from .plan import check_files
     from .progress import working
 
@@ -43,7 +44,10 @@ def run_compare_north(
     changes = {name: value for name, value in given.items() if value is not None}
     names = None if methods is None else [name.strip() for name in methods.split(",")]
     check_files(out, figure)
+    wanted = TECHNIQUES if names is None else names
     with working("finding north in every way") as progress:
+        if any(name in TECHNIQUES and TECHNIQUES[name].is_external for name in wanted):
+            _compile_engines()
         comparison = compare_north(methods=names, progress=progress, **changes)  # type: ignore[arg-type]
     written = []
     if out is not None:
@@ -61,3 +65,15 @@ def run_compare_north(
     print(comparison)
     for path in written:
         print(f"written     {path}")
+
+
+def _compile_engines() -> None:
+    """Compile what satellites need, if nothing is compiled yet: arrays by a second process, pairs by this."""
+    from ..ambiguity.rehearsal import rehearse_engine
+    from .first_run import engine_compiled_meanwhile
+    from .progress import kernels_are_compiled, mark_kernels_compiled
+
+    with engine_compiled_meanwhile("array"):
+        if not kernels_are_compiled("pair"):
+            rehearse_engine()
+            mark_kernels_compiled("pair")
