@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -86,7 +86,8 @@ class TurntableNorth(NorthSolution):
     expected_amplitude_mps2 : float
         Of the signal at this latitude, tilt and heading.
     crlb_rad : float
-        Least standard deviation that any method can have with the noise of the residuals.
+        Least standard deviation that any method can have with the noise of the residuals; without an encoder
+        with an unknown speed.
     fits : tuple of HarmonicFit
         The fits of the logs.
     """
@@ -179,24 +180,26 @@ def demodulate(sensor: TurntableAccelerometerDescription, log: SensorLog) -> tup
     is ``mark - psi``. The mean of each revolution is taken off before, so that gravity does not leak through
     an odd number of samples.
     """
-    north = _square_wave_harmonics(sensor, log)
+    harmonic = _demodulated(sensor, log.columns["acceleration_mps2"], log.columns["table_angle_rad"])
+    north = np.sign(sensor.table_rpm) * harmonic
     heading = np.mod(np.arctan2(-north[:, 1], north[:, 0]), 2.0 * np.pi)
     return heading, np.hypot(north[:, 0], north[:, 1])
-
-
-def _square_wave_harmonics(sensor: TurntableAccelerometerDescription, log: SensorLog) -> np.ndarray:
-    """Vector h of each revolution over the sign of the speed, in body axes of a level table."""
-    return _demodulated(sensor, log.columns["acceleration_mps2"], log.columns["table_angle_rad"])
 
 
 def _demodulated(
     sensor: TurntableAccelerometerDescription, signal: np.ndarray, angle: np.ndarray
 ) -> np.ndarray:
+    """Vector h of each revolution by square waves."""
     per_turn = sensor.samples_per_revolution
     if len(signal) == 0 or len(signal) % per_turn:
         raise FormatError(
             f"the square wave needs whole revolutions of {per_turn} samples, the log has {len(signal)}; "
             "cut it there, or use the maximum-likelihood method"
+        )
+    if missing := int(np.count_nonzero(~(np.isfinite(signal) & np.isfinite(angle)))):
+        raise FormatError(
+            f"the square wave needs every sample of a revolution and {missing} are missing; use the "
+            "maximum-likelihood method"
         )
     signal = signal.reshape(-1, per_turn)
     angle = angle.reshape(-1, per_turn)
@@ -205,10 +208,9 @@ def _demodulated(
     late = np.sign(sensor.table_rpm) * np.pi / per_turn
     a = (signal * np.sign(np.cos(angle + late))).sum(axis=1)
     b = -(signal * np.sign(np.sin(angle + late))).sum(axis=1)
-    psi = np.arctan2(b, a) + late
-    amplitude = np.sign(sensor.table_rpm) * np.hypot(a, b) * np.pi / (2.0 * per_turn)
-    # psi_ccw = mark - heading of the signal's maximum.
-    bearing = np.radians(sensor.mark_deg) - psi
+    # psi_ccw is the mark less the bearing of the signal's maximum.
+    bearing = np.radians(sensor.mark_deg) - np.arctan2(b, a) - late
+    amplitude = np.hypot(a, b) * np.pi / (2.0 * per_turn)
     return np.stack([amplitude * np.cos(bearing), -amplitude * np.sin(bearing)], axis=1)
 
 
@@ -241,7 +243,8 @@ def find_north_turntable(
         What is known of the device: radius, mark, its tilt in the platform and the lean of its axis are used
         and corrected; noise, vibration, jitter and encoder give the budget. By default what the log says.
     method : {"maximum-likelihood", "square-wave"}
-        How the signal is found. The square wave takes a level table, as published, and no other errors.
+        How the signal is found. The square wave suffers what maximum likelihood takes for unknown, and sigma
+        says so.
     tilt_rad : tuple of float, optional
         Pitch and roll of the platform, e.g. from a tilt meter; level by default.
     tilt_sd_rad : float
@@ -252,7 +255,7 @@ def find_north_turntable(
         How well the angle between mark and platform is known.
     encoder : bool
         Whether the table's angle of the log is used; without it the speed is estimated, and the log must
-        begin at the mark.
+        begin at the mark. The square wave always uses it.
     harmonics, max_vibrations, speed_terms
         As in `truenorth.northfinding.turntable_fit.fit_harmonic`.
     required_heading_sd_rad : float
@@ -279,6 +282,8 @@ def find_north_turntable(
             key="method",
             value=method,
         )
+    square = method == "square-wave"
+    encoder = encoder or square
     sensors = tuple(_sensor_of(one, description) for one in logs)
     for one, sensor in zip(logs, sensors, strict=True):
         _check_log(one, sensor, encoder)
@@ -289,47 +294,32 @@ def find_north_turntable(
             "The platform was taken as level; a tilt turns the azimuth by about tilt times tan(latitude)."
         )
     fits = tuple(
-        _fit(one, sensor, encoder or method == "square-wave", harmonics, max_vibrations, speed_terms)
+        _fit(one, sensor, encoder, harmonics, max_vibrations, speed_terms)
         for one, sensor in zip(logs, sensors, strict=True)
     )
-    if method == "square-wave":
-        if len(logs) > 1:
-            raise ConfigError("the square wave takes one log; use maximum-likelihood for several speeds")
-        tilt, geometry = (0.0, 0.0), table_geometry(_level(sensors[0]), site)
-        harmonic = _square_wave_harmonics(sensors[0], logs[0]) * np.sign(sensors[0].table_rpm)
-        mean = harmonic.mean(axis=0)
-        cov = _square_wave_covariance(fits[0], len(fits[0].used))
-        # What is not noise reaches the square wave as it is.
-        false = _demodulated(sensors[0], fits[0].disturbance_mps2, logs[0].columns["table_angle_rad"])
-        cov = cov + np.eye(2) * 0.5 * float(np.sum(false.mean(axis=0) ** 2))
-        gains = np.array([geometry.gain_mps(fits[0].rate_radps)])
-        rate_plane, cov_rate = mean / gains[0], cov / gains[0] ** 2
-        each = harmonic / gains[0]
-        ends_s = np.arange(1, len(each) + 1) * _seconds(logs[0])[-1] / len(each)
-        running, running_cov = _running_means(each, cov_rate * len(each))
-        lean = None
-    else:
-        geometry = table_geometry(sensors[0], site, tilt_rad=tilt)
-        gains = np.array([geometry.gain_mps(fit.rate_radps) for fit in fits])
-        rate_plane, cov_rate, lean = _combined(fits, gains, geometry)
-        each, ends_s, running, running_cov = _revolutions(logs, fits, gains, lean)
-        # The harmonic of the lean was found from all logs: it is paid for from the beginning.
-        running_cov = running_cov * (np.trace(cov_rate) / np.trace(running_cov[-1]))
-        if not encoder and len(logs) == 1:
-            bearing = np.unwrap(np.arctan2(-each[:, 1], each[:, 0]))
-            turn_s = float(ends_s[0])
-            floor = float(fits[0].noise.harmonics_sd[-1]) / abs(float(gains[0]))
-            floor *= np.sqrt(2.0 * len(each) / len(fits[0].used)) / float(np.linalg.norm(rate_plane))
-            if (wandered := wandering_phase(ends_s - 0.5 * turn_s, bearing, floor)) is not None:
-                start, start_sd = wandered
-                size = float(np.linalg.norm(rate_plane))
-                rate_plane = size * np.array([np.cos(start), -np.sin(start)])
-                cov_rate = np.eye(2) * (size * start_sd) ** 2
-                running_cov = cov_rate[None] * len(each) / np.arange(1, len(each) + 1)[:, None, None]
-                notes.append(
-                    "The speed of the table wanders and no encoder tells the angle: the first revolutions "
-                    "decide."
-                )
+    geometry = table_geometry(sensors[0], site, tilt_rad=tilt)
+    gains = np.array([geometry.gain_mps(fit.rate_radps) for fit in fits])
+    turns = tuple(
+        _square_wave(one, sensor, fit) if square else _revolutions(one, fit)
+        for one, sensor, fit in zip(logs, sensors, fits, strict=True)
+    )
+    rate_plane, cov_rate, lean = _combined(turns, gains, geometry)
+    each, ends_s, running, running_cov = _growth(turns, gains, lean)
+    if not encoder and len(logs) == 1:
+        bearing = np.unwrap(np.arctan2(-each[:, 1], each[:, 0]))
+        size = float(np.linalg.norm(rate_plane))
+        floor = float(fits[0].noise.harmonics_sd[-1] / abs(gains[0]) / size)
+        floor *= float(np.sqrt(2.0 * len(each) / len(fits[0].used)))
+        if (wandered := wandering_phase(ends_s - 0.5 * ends_s[0], bearing, floor)) is not None:
+            start, start_sd = wandered
+            rate_plane = size * np.array([np.cos(start), -np.sin(start)])
+            cov_rate = np.diag([(size * start_sd) ** 2] * 2)
+            notes.append(
+                "The speed of the table wanders and no encoder tells the angle: the first revolutions decide."
+            )
+    # All revolutions together are the result; what is common to them is paid for from the first.
+    running[-1] = rate_plane
+    running_cov *= np.trace(cov_rate) / np.trace(running_cov[-1])
     heading, north = (float(x) for x in heading_from_harmonic_rad(geometry, rate_plane))
     gradient = heading_jacobian(geometry, heading)
     noise_sd = float(np.sqrt(gradient @ cov_rate @ gradient))
@@ -356,7 +346,7 @@ def find_north_turntable(
     if site.latitude_sd_rad:
         cov_ned[2, 2] += (_latitude_slope(geometry, site, heading) * site.latitude_sd_rad) ** 2
     rot = rot_ned_from_body(heading, *tilt)
-    length = sum(len(one.columns["acceleration_mps2"]) for one in logs)
+    length = sum(len(fit.used) for fit in fits)
     duration_s = float(sum(_seconds(one)[-1] for one in logs))
     headings = heading_from_harmonic_rad(geometry, each)[0]
     run_heading = heading_from_harmonic_rad(geometry, running)[0]
@@ -371,7 +361,7 @@ def find_north_turntable(
     budget = None
     if description is not None:
         budget = turntable_budget(
-            description,
+            msgspec.structs.replace(description, table_rpm=sensors[0].table_rpm),
             site,
             heading_rad=heading,
             tilt_rad=tilt,
@@ -396,7 +386,7 @@ def find_north_turntable(
     }
     for k, (hz, size) in enumerate(fits[0].vibrations):
         measured[f"vibration_{k + 1}_hz"], measured[f"vibration_{k + 1}_mps2"] = float(hz), float(size)
-    if lean is not None and len(logs) > 1:
+    if len(logs) > 1:
         measured["lean_harmonic_mps2"] = float(np.linalg.norm(lean))
         plane = geometry.force_plane_mps2
         if (size := float(plane @ plane)) > 0.0 and tilt_rad is not None:
@@ -425,7 +415,7 @@ def find_north_turntable(
         amplitude_mps2=amplitude,
         amplitude_sd_mps2=amplitude_sd,
         expected_amplitude_mps2=expected,
-        crlb_rad=float(np.sqrt(2.0 / length) * noise.signal_sd / expected),
+        crlb_rad=_bound_rad(fits, gains, expected / abs(float(gains[0])), encoder),
         fits=fits,
     )
     return _judged(solution, required_heading_sd_rad)
@@ -559,13 +549,22 @@ def _fit(
     )
 
 
+class _Turns(NamedTuple):
+    """What one log says: its harmonic with covariance, and that of each whole revolution."""
+
+    harmonic: np.ndarray
+    cov: np.ndarray
+    each: np.ndarray
+    ends_s: np.ndarray
+
+
 def _combined(
-    fits: tuple[HarmonicFit, ...], gains: np.ndarray, geometry: TableGeometry
+    turns: tuple[_Turns, ...], gains: np.ndarray, geometry: TableGeometry
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Earth rate in the plane, its covariance, and the harmonic of the leaning axis."""
-    if len(fits) == 1:
+    if len(turns) == 1:
         lean = geometry.lean_mps2
-        return (fits[0].harmonic_mps2 - lean) / gains[0], fits[0].cov_harmonic / gains[0] ** 2, lean
+        return (turns[0].harmonic - lean) / gains[0], turns[0].cov / gains[0] ** 2, lean
     if np.ptp(gains) < 0.1 * np.max(np.abs(gains)):
         raise ConfigError(
             "the logs of the turntable have the same speed and direction; give runs at different speeds, "
@@ -573,53 +572,75 @@ def _combined(
         )
     normal, right = np.zeros((4, 4)), np.zeros(4)
     scale = float(np.max(np.abs(gains)))
-    for fit, gain in zip(fits, gains, strict=True):
+    for log, gain in zip(turns, gains, strict=True):
         design = np.hstack([np.eye(2) * gain / scale, np.eye(2)])
-        weight = np.linalg.inv(fit.cov_harmonic)
+        weight = np.linalg.inv(log.cov)
         normal += design.T @ weight @ design
-        right += design.T @ weight @ fit.harmonic_mps2
+        right += design.T @ weight @ log.harmonic
     cov = np.linalg.inv(normal)
     found = cov @ right
     return found[:2] / scale, cov[:2, :2] / scale**2, found[2:]
 
 
-def _revolutions(
-    logs: tuple[SensorLog, ...], fits: tuple[HarmonicFit, ...], gains: np.ndarray, lean: np.ndarray
+def _revolutions(log: SensorLog, fit: HarmonicFit) -> _Turns:
+    """Maximum likelihood: the fit, and the harmonic of each whole revolution by itself."""
+    time = _seconds(log)
+    step_s = time[-1] / max(1, len(time) - 1)
+    turned = np.abs(fit.angle_rad - fit.angle_rad[0]) / (2.0 * np.pi)
+    step = turned[-1] / max(1, len(turned) - 1)
+    whole = max(1, int(np.floor(turned[-1] + 1.5 * step)))
+    # An encoder's noise may put a sample beside its revolution; that does not matter.
+    rows = np.clip(np.floor(turned + 0.5 * step).astype(int), 0, whole)
+    columns = np.stack(
+        [
+            np.ones(len(time)),
+            fit.relative_speed * np.cos(fit.angle_rad),
+            -fit.relative_speed * np.sin(fit.angle_rad),
+        ],
+        axis=1,
+    )
+    columns[~fit.used] = 0.0
+    normal, right = np.zeros((whole + 1, 3, 3)), np.zeros((whole + 1, 3))
+    for i in range(3):
+        right[:, i] = np.bincount(rows, columns[:, i] * fit.cleaned_mps2, minlength=whole + 1)
+        for j in range(3):
+            normal[:, i, j] = np.bincount(rows, columns[:, i] * columns[:, j], minlength=whole + 1)
+    inverse = np.linalg.pinv(normal[:whole], hermitian=True)
+    each = np.einsum("nij,nj->ni", inverse, right[:whole])[:, 1:]
+    ends = np.cumsum(np.bincount(rows, minlength=whole + 1))[:whole] * step_s
+    return _Turns(fit.harmonic_mps2, fit.cov_harmonic, each, ends)
+
+
+def _square_wave(log: SensorLog, sensor: TurntableAccelerometerDescription, fit: HarmonicFit) -> _Turns:
+    """The harmonic of each revolution by square waves, and their mean."""
+    angle = log.columns["table_angle_rad"]
+    each = _demodulated(sensor, log.columns["acceleration_mps2"], angle)
+    # Noise enters at the odd multiples of the speed, each by its share; above the seventh as white.
+    order = np.array([1.0, 3.0, 5.0, 7.0])
+    rest = np.pi**2 / 8.0 - float(np.sum(1.0 / order**2))
+    noise = float(np.sum((fit.noise.harmonics_sd / order) ** 2)) + rest * fit.noise.white_sd**2
+    # What is not noise gets through as it is.
+    false = _demodulated(sensor, fit.disturbance_mps2, angle).mean(axis=0)
+    variance = 2.0 * noise / len(fit.used) + 0.5 * float(false @ false)
+    ends = (
+        np.arange(1, len(each) + 1) * _seconds(log)[-1] / (len(fit.used) - 1) * sensor.samples_per_revolution
+    )
+    return _Turns(each.mean(axis=0), np.diag([variance] * 2), each, ends)
+
+
+def _growth(
+    turns: tuple[_Turns, ...], gains: np.ndarray, lean: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Earth rate in the plane from each whole revolution, when it ended, and the running mean of them."""
-    each, ends, covs = [], [], []
-    passed_s = 0.0
-    for log, fit, gain in zip(logs, fits, gains, strict=True):
-        time = _seconds(log)
-        turned = np.abs(fit.angle_rad - fit.angle_rad[0]) / (2.0 * np.pi)
-        step = turned[-1] / max(1, len(turned) - 1)
-        number = np.floor(turned + 0.5 * step).astype(int)
-        whole = int(np.floor(turned[-1] + 1.5 * step))
-        columns = np.stack(
-            [
-                np.ones(len(time)),
-                fit.relative_speed * np.cos(fit.angle_rad),
-                -fit.relative_speed * np.sin(fit.angle_rad),
-            ],
-            axis=1,
-        )
-        columns[~fit.used] = 0.0
-        # An encoder's noise may put a sample beside its revolution; that does not matter.
-        rows = np.clip(number, 0, whole)
-        normal, right = np.zeros((whole + 1, 3, 3)), np.zeros((whole + 1, 3))
-        for i in range(3):
-            right[:, i] = np.bincount(rows, columns[:, i] * fit.cleaned_mps2, minlength=whole + 1)
-            for j in range(3):
-                normal[:, i, j] = np.bincount(rows, columns[:, i] * columns[:, j], minlength=whole + 1)
-        inverse = np.linalg.pinv(normal[:whole], hermitian=True)
-        found = np.einsum("nij,nj->ni", inverse, right[:whole])[:, 1:]
-        each.append((found - lean) / gain)
-        covs.append(np.tile(fit.cov_harmonic * whole / gain**2, (whole, 1, 1)))
-        last = np.searchsorted(number, np.arange(1, whole + 1)) - 1
-        ends.append(passed_s + time[np.clip(last, 0, len(time) - 1)] + time[-1] / max(1, len(time) - 1))
-        passed_s = float(ends[-1][-1])
-    rates, cov = np.concatenate(each), np.concatenate(covs)
-    return rates, np.concatenate(ends), *_running_means(rates, cov)
+    each = [(log.each - lean) / gain for log, gain in zip(turns, gains, strict=True)]
+    covs = [
+        np.tile(log.cov * len(log.each) / gain**2, (len(log.each), 1, 1))
+        for log, gain in zip(turns, gains, strict=True)
+    ]
+    passed = np.cumsum([0.0, *(log.ends_s[-1] for log in turns[:-1])])
+    ends = np.concatenate([log.ends_s + before for log, before in zip(turns, passed, strict=True)])
+    rates = np.concatenate(each)
+    return rates, ends, *_running_means(rates, np.concatenate(covs))
 
 
 def _running_means(each: np.ndarray, cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -630,12 +651,15 @@ def _running_means(each: np.ndarray, cov: np.ndarray) -> tuple[np.ndarray, np.nd
     return np.einsum("nij,nj->ni", running, sums), running
 
 
-def _square_wave_covariance(fit: HarmonicFit, n_samples: int) -> np.ndarray:
-    """Covariance of the harmonic of all revolutions: the noise at odd multiples of the speed."""
-    order = np.array([1.0, 3.0, 5.0, 7.0])
-    rest = np.pi**2 / 8.0 - float(np.sum(1.0 / order**2))
-    noise = float(np.sum((fit.noise.harmonics_sd / order) ** 2)) + rest * fit.noise.white_sd**2
-    return np.diag([2.0 * noise / n_samples] * 2)
+def _bound_rad(fits: tuple[HarmonicFit, ...], gains: np.ndarray, rate_radps: float, encoder: bool) -> float:
+    """Cramer-Rao bound with the noise of the residuals; the lean taken as known."""
+    information = 0.0
+    for fit, gain in zip(fits, gains, strict=True):
+        bound = heading_crlb_rad(
+            abs(float(gain)) * rate_radps, fit.noise.signal_sd, len(fit.used), 1, speed_known=encoder
+        )
+        information += 1.0 / bound**2
+    return float(1.0 / np.sqrt(information))
 
 
 def _about_down(variance: float) -> np.ndarray:
@@ -664,10 +688,6 @@ def _latitude_slope(geometry: TableGeometry, site: Site, heading_rad: float) -> 
     """Change of the heading with the latitude that is assumed; zero on a level table."""
     down = geometry.rot_table_from_level[:2, 2] * site.horizontal_rate_radps
     return float(heading_jacobian(geometry, heading_rad) @ down)
-
-
-def _level(sensor: TurntableAccelerometerDescription) -> TurntableAccelerometerDescription:
-    return msgspec.structs.replace(sensor, tilt_pitch_deg=0.0, tilt_roll_deg=0.0, axis_error_mrad=(0.0, 0.0))
 
 
 def _seconds(log: SensorLog) -> np.ndarray:

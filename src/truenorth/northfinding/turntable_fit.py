@@ -50,6 +50,9 @@ _MAX_ORDER = 6
 _FALSE_LINE = 1e-4
 """Probability to see a vibration line in white noise."""
 
+_WANDERS = 3.0
+"""Twice the logarithm of the likelihood ratio from which a phase is taken to wander."""
+
 _OUTLIER_SD = 7.0
 """Samples further off are left out; of a million good ones none is."""
 
@@ -568,5 +571,11 @@ def wandering_phase(time: np.ndarray, phase_rad: np.ndarray, noise_rad: float) -
             - float(np.linalg.slogdet(inverse)[1])
         )
         answers.append((float(found[0]), float(np.sqrt(inverse[0, 0]))))
-    best = int(np.argmin(scores))
-    return answers[best] if scores[0] - scores[best] > 6.0 else None
+    if scores[0] - min(scores) < _WANDERS:
+        return None
+    # A short record hardly knows how much the phase wanders: mean over what it may be, by likelihood.
+    weight = np.exp(-0.5 * (np.array(scores) - min(scores)))
+    weight /= weight.sum()
+    phases, sds = np.array(answers).T
+    phase = float(weight @ phases)
+    return phase, float(np.sqrt(weight @ (sds**2 + (phases - phase) ** 2)))
