@@ -135,7 +135,7 @@ def test_the_smoother_is_that_of_dense_matrices(moved):
         action[12:16] = fine_filter.NOTHING
         action[16] = fine_filter.PLACED
     variance = np.array([1e-6, 2e-6, 3e-6])
-    forward = fine_filter.filter_errors(model, nominal, action, variance)
+    forward = fine_filter.filter_errors(model, nominal, action, np.tile(variance, (31, 1)))
     error, cov = fine_filter.smooth_attitude(model, forward)
 
     # Rauch, Tung and Striebel, written out.
@@ -242,6 +242,27 @@ def test_a_platform_that_was_moved_is_given_a_new_place():
         moving = (time_s > 101.5) & (time_s < 103.0)
         assert np.all(~history.still[moving] | (history.nis[moving] > fine_filter.MOVED))
         assert any("moved" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("stated_m", [None, 1e-4])
+def test_a_move_at_the_very_start_does_not_lock_the_filter_out(stated_m):
+    # Before the velocity is known, a move looks like one: what follows then seems to be beyond chance.
+    moves = tuple(Move(at_s=at, duration_s=1.5, pitch_deg=0.05, surge_m=0.004) for at in (0.5, 2.5, 4.5, 6.0))
+    trajectory = trajectory_at_site(SwayMotion(heading_deg=75.0, moves=moves, **QUIET), 150.0)
+    truth = true_attitude(trajectory, 150.0)[0]
+    for seed in range(3):
+        record, _ = drawn_record(trajectory, NAVIGATION, 150.0, seed)
+        found = align_fine(record, SITE, errors=NAVIGATION, displacement_sd_m=stated_m, **CERTAIN)
+        assert np.all(np.abs(error_rad(found, truth)) < 4.5 * np.sqrt(np.diag(found.cov_ned_rad2)))
+        assert np.degrees(found.angle_sd_rad[0]) < 0.2
+
+
+def test_a_stated_shaking_that_the_record_belies_is_not_kept_to():
+    record, truth = ideal_record(SwayMotion(heading_deg=75.0), 100.0)
+    found = align_fine(record, SITE, errors=NAVIGATION, displacement_sd_m=1e-4, **CERTAIN)
+    assert np.sqrt(np.mean(found.displacement_sd_m**2)) > 1e-3
+    assert any("more than the 0.1 mm stated" in note for note in found.notes)
+    assert np.all(np.abs(error_rad(found, truth)) < 3.0 * np.sqrt(np.diag(found.cov_ned_rad2)))
 
 
 def test_a_heading_nobody_can_know_leaves_the_tilts_alone():

@@ -66,6 +66,14 @@ TURNED_RAD = 0.1
 """A body that turns by more shows the errors of scale and axes."""
 GRAVITY_SD_MPS2 = 3e-4
 """Gravity is known from the place to 30 mGal."""
+BURST = 3.0
+"""Times the usual variance of 20 intervals that is no chance (1 in 20 000)."""
+MOVE = 1e4
+"""Times the usual variance that is no shaking any more: the innovations tell when the platform was moved."""
+FAR_TOO_LARGE = 10.0
+"""Squared innovations so many times too large keep a trajectory from settling."""
+PATIENCE = 4
+"""A start that was far off needs so many passes before its innovations say anything of the shaking."""
 MOVED_SHARE = 0.2
 """A platform whose displacement jumps more often is shaken more than was thought, and not moved."""
 SETTLED = 5
@@ -127,7 +135,7 @@ class FineAlignment(NorthSolution):
     accel_bias_mps2, accel_bias_sd_mps2 : ndarray, shape (3,)
         The same of the accelerometers.
     displacement_sd_m : ndarray, shape (3,)
-        Shaking that was stated or found, north, east, down.
+        Shaking that was stated or found, north, east, down, in the mean of the record.
     passes : int
         How often the filter ran until the trajectory stayed.
     observability : Observability or None
@@ -181,7 +189,7 @@ def align_fine(
         Whether to give the estimate after every interval too.
     displacement_sd_m : float, optional
         Standard deviation of the shaking's displacement along each axis; otherwise it is found from the
-        record.
+        record. One that the record belies throughout is not kept to.
     gravity_sd_mps2 : float
         How far gravity may be off the normal one.
     deflection_sd_rad : float
@@ -240,6 +248,7 @@ def align_fine(
         method="fine" if updates == "always" else "strapdown",
         running=running,
         smooth=smooth,
+        displacement_sd_m=displacement_sd_m,
         deflection_sd_rad=deflection_sd_rad,
     )
 
@@ -322,9 +331,10 @@ def _largest_turn(blocks: InertialIncrements) -> float:
 
 
 def _shaking(displacement_m: np.ndarray, action: np.ndarray, force_var: float) -> np.ndarray:
-    """Variance of the displacement about quartic curves over 20 intervals, where the platform stays.
+    """Variance of the displacement at the edges, about quartic curves over 20 intervals.
 
-    What the velocity random walk makes of it, a variance of the velocity by interval, is taken off.
+    What the velocity random walk makes of it, a variance of the velocity by interval, is taken off. Bursts
+    have their own variance; elsewhere it is that of the median window.
     """
     window = 20
     t = np.linspace(-1.0, 1.0, window)
@@ -334,17 +344,21 @@ def _shaking(displacement_m: np.ndarray, action: np.ndarray, force_var: float) -
     walked = early**2 * (3.0 * late - early) / 6.0
     of_noise = force_var * np.trace(walked - basis @ (basis.T @ walked)) / (window - 5)
     runs = np.split(np.arange(len(action)), np.flatnonzero(action != MEASURED))
-    found = []
-    for run in runs:
-        for begin in range(1, len(run) - window + 1, window // 2):
-            rows = displacement_m[run[begin : begin + window]]
-            found.append(np.sum((rows - basis @ (basis.T @ rows)) ** 2, axis=0) / (window - 5))
-    if not found:
-        return np.full(3, 1e-6)
-    # A window in which the platform was moved is none of the shaking; the median of chi-square of 15
-    # degrees of freedom is 0.956 of its mean.
-    seen = np.median(found, axis=0) / 0.956
-    return np.maximum(np.maximum(seen - of_noise, 0.1 * seen), SMALLEST_SHAKING_M**2)
+    edges = [
+        run[begin : begin + window] for run in runs for begin in range(1, len(run) - window + 1, window // 4)
+    ]
+    if not edges:
+        return np.full((len(action), 3), 1e-6)
+    found = np.empty((len(edges), 3))
+    for k, rows in enumerate(displacement_m[np.array(edges)]):
+        found[k] = np.sum((rows - basis @ (basis.T @ rows)) ** 2, axis=0) / (window - 5)
+    # The median of chi-square of 15 degrees of freedom is 0.956 of its mean.
+    usual = np.median(found, axis=0) / 0.956
+    seen = np.tile(usual, (len(action), 1))
+    for rows, variance in zip(edges, found, strict=True):
+        burst = (variance > BURST * usual) & (variance < MOVE * usual)
+        seen[rows] = np.maximum(seen[rows], np.where(burst, variance, 0.0))
+    return np.maximum(np.maximum(seen - of_noise, 0.1 * usual), SMALLEST_SHAKING_M**2)
 
 
 def _iterate(
@@ -359,17 +373,18 @@ def _iterate(
         if displacement_sd_m is None:
             shaking = factor * _shaking(nominal.displacement_m, action, force_var)
         else:
-            shaking = np.full(3, max(displacement_sd_m, SMALLEST_SHAKING_M) ** 2)
+            shaking = np.full((len(action), 3), factor * max(displacement_sd_m, SMALLEST_SHAKING_M) ** 2)
         forward = filter_errors(model, nominal, action, shaking)
         state = _states_of_known_heading(forward)[-1]
         excess, chance = _excess(forward, action)
-        inflate = displacement_sd_m is None and excess > chance
+        # What was stated is doubted only where the platform would jump all the time.
+        inflate = excess > (chance if displacement_sd_m is None else FAR_TOO_LARGE)
         small = np.maximum(STAYS_RAD, 0.1 * np.sqrt(forward.var[-1, :3]))
         drifts = float(np.max(np.abs(state[gyro]))) * model.duration_s
         stays = bool(np.all(np.abs(state[:3]) < small)) and drifts < DRIFTS_RAD
         if (stays and not inflate) or passes == MOST_PASSES:
             break
-        if stays:
+        if inflate and (stays or (excess > FAR_TOO_LARGE and passes >= PATIENCE)):
             # Slower than the curves, or larger at times: what is unexplained is laid to the shaking.
             factor *= min(excess**1.5, 1000.0)
         nominal = model.nominal(
@@ -387,7 +402,7 @@ def _excess(forward: FilterPass, action: np.ndarray) -> tuple[float, float]:
     taken = asked[asked <= MOVED]
     if len(taken) < (1.0 - MOVED_SHARE) * len(asked):
         # More than a platform is moved: 2.37 is the median of chi-square of 3 degrees of freedom.
-        return max(float(np.median(asked)) / 2.37, 2.0), 1.0
+        return max(float(np.median(asked)) / 2.37, 2.0 * FAR_TOO_LARGE), 1.0
     return float(np.mean(taken)) / 3.0, 1.0 + 5.0 * float(np.sqrt(2.0 / (3.0 * len(taken))))
 
 
@@ -410,6 +425,7 @@ def _solution(
     method: str,
     running: bool,
     smooth: bool,
+    displacement_sd_m: float | None,
     deflection_sd_rad: float,
 ) -> FineAlignment:
     """What is returned."""
@@ -430,14 +446,14 @@ def _solution(
         error, cov = smooth_attitude(model, forward)
         smoothed = exp_so3(-error) @ nominal.rot_ned_from_body, cov
     observability = observe(model, forward, rot)
-    shaking_sd = np.sqrt(forward.displacement_var)
+    shaking_sd = np.sqrt(np.mean(forward.displacement_var, axis=0))
     measured = {
         **{f"gyro_bias_{axis}_dph": float(gyro[-1, k] / _DPH) for k, axis in enumerate("xyz")},
         **{f"gyro_bias_{axis}_sd_dph": float(gyro_sd[k] / _DPH) for k, axis in enumerate("xyz")},
         **{f"accel_bias_{axis}_ug": float(accel[-1, k] / _UG) for k, axis in enumerate("xyz")},
         **{f"accel_bias_{axis}_sd_ug": float(accel_sd[k] / _UG) for k, axis in enumerate("xyz")},
         "displacement_sd_m": float(np.sqrt(np.mean(forward.displacement_var))),
-        "nis_mean": float(np.mean(nis[SETTLED:][nis[SETTLED:] <= MOVED])),
+        "nis_mean": _mean_nis(forward),
         "moved_instants": float(np.count_nonzero(nis > MOVED)),
         "still_share": float(np.mean(forward.action != NOTHING)),
         "passes": float(passes),
@@ -452,7 +468,7 @@ def _solution(
         measured=measured,
         run=_run(time_s, rots, covs + deflection) if running else None,
         budget=_budget(model, forward, rot, deflection, deflection_sd_rad),
-        notes=_notes(model, forward, passes),
+        notes=_notes(model, forward, passes, displacement_sd_m),
         gyro_bias_radps=gyro[-1],
         gyro_bias_sd_radps=gyro_sd,
         accel_bias_mps2=accel[-1],
@@ -464,6 +480,12 @@ def _solution(
             time_s, rots, covs, gyro, accel, nis, forward.action != NOTHING, smoothed[0], smoothed[1]
         ),
     )
+
+
+def _mean_nis(forward: FilterPass) -> float:
+    """Mean normalised squared innovation of the displacements that were taken."""
+    taken = forward.nis[SETTLED:][forward.action[SETTLED:] == MEASURED]
+    return float(np.mean(taken)) if len(taken) else float("nan")
 
 
 def _run(time_s: np.ndarray, rots: np.ndarray, covs: np.ndarray) -> NorthRun:
@@ -491,7 +513,9 @@ def _budget(
     return ErrorBudget(tuple(lines), rot)
 
 
-def _notes(model: ErrorModel, forward: FilterPass, passes: int) -> tuple[str, ...]:
+def _notes(
+    model: ErrorModel, forward: FilterPass, passes: int, displacement_sd_m: float | None
+) -> tuple[str, ...]:
     """Sentences for the user."""
     notes = []
     if passes == MOST_PASSES:
@@ -506,10 +530,11 @@ def _notes(model: ErrorModel, forward: FilterPass, passes: int) -> tuple[str, ..
     if len(jumps):
         first = ", ".join(f"{instant:.0f}" for instant in jumps[:5])
         more = ", ..." if len(jumps) > 5 else ""
+        notes.append(f"The platform was moved at {first}{more} s; it was given a new place there.")
+    taken = float(np.sqrt(np.mean(forward.displacement_var)))
+    if displacement_sd_m is not None and taken > 1.5 * max(displacement_sd_m, SMALLEST_SHAKING_M):
         notes.append(
-            f"The platform was moved at {first}{more} s; it was given a new place there."
-            if len(jumps) <= MOVED_SHARE * len(forward.nis)
-            else f"The platform is shaken by more than the stated displacement at {len(jumps)} instants;"
-            f" state a larger one."
+            f"The platform is shaken by more than the {1e3 * displacement_sd_m:.2g} mm stated;"
+            f" {1e3 * taken:.2g} mm were taken."
         )
     return tuple(notes)

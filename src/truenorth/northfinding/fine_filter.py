@@ -59,8 +59,8 @@ class FilterPass:
     innovation, weight, gain : ndarray, shapes (k + 1, 3), (k + 1, 3, 3), (k + 1, n, 3)
         Of the measurements, the weight being the inverse of the innovation's covariance; zero where there
         was none.
-    displacement_var : ndarray, shape (3,)
-        Variance of the measurement, north, east, down.
+    displacement_var : ndarray, shape (k + 1, 3)
+        Variance of the measurements, north, east, down.
     drive : ndarray, shape (k, 9, n - 9)
         Of the transition, for the backward passes.
     """
@@ -96,8 +96,8 @@ def filter_errors(
         Trajectory.
     action : ndarray of int, shape (k + 1,)
         What to do at each edge.
-    displacement_var : ndarray, shape (3,)
-        Variance of the displacement of the shaken platform, north, east, down, m^2.
+    displacement_var : ndarray, shape (k + 1, 3)
+        Variance of the displacement of the shaken platform at the edges, north, east, down, m^2.
 
     Returns
     -------
@@ -106,7 +106,8 @@ def filter_errors(
     n, number = model.n, len(action)
     core, decay, drive = model.core, model.decay, model.drive(nominal)
     core_noise, rest_noise = model.process_cov
-    decay2, noise = np.outer(decay, decay), np.diag(displacement_var)
+    decay2 = np.outer(decay, decay)
+    noises = displacement_var[:, :, None] * np.eye(3)
     mover = np.empty((N_CORE, n))
     mover[:, :N_CORE] = core
     rest_diagonal = np.arange(N_CORE, n)
@@ -132,7 +133,7 @@ def filter_errors(
             cov[N_CORE:, N_CORE:] *= decay2
             cov[rest_diagonal, rest_diagonal] += rest_noise
         if action[k] == MEASURED:
-            weight = np.linalg.inv(cov[_PLACE, _PLACE] + noise)
+            weight = np.linalg.inv(cov[_PLACE, _PLACE] + noises[k])
             y = nominal.displacement_m[k] - x[_PLACE]
             nis[k] = y @ weight @ y
             if nis[k] > MOVED:
@@ -150,7 +151,7 @@ def filter_errors(
             x[_PLACE] = nominal.displacement_m[k]
             cov[_PLACE] = 0.0
             cov[:, _PLACE] = 0.0
-            cov[_PLACE, _PLACE] = noise
+            cov[_PLACE, _PLACE] = noises[k]
         state[k], var[k], attitude_cov[k] = x, np.diag(cov), cov[:3]
     return FilterPass(
         state, var, attitude_cov, cov, action, nis, innovation, weights, gains, displacement_var, drive
@@ -260,5 +261,5 @@ def attitude_sources(model: ErrorModel, forward: FilterPass) -> dict[str, np.nda
         if source.core is not None:
             cov = cov + np.einsum("kim,mn,kjn->ij", core_rows, source.core, core_rows, optimize=True)
         out[source.name] = cov
-    out["shaking"] = np.einsum("kin,n,kjn->ij", by_place, forward.displacement_var, by_place, optimize=True)
+    out["shaking"] = np.einsum("kin,kn,kjn->ij", by_place, forward.displacement_var, by_place, optimize=True)
     return out

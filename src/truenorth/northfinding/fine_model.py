@@ -52,7 +52,7 @@ __all__ = ["ErrorModel", "Nominal", "Source", "earth_turn", "mean_rotation"]
 N_CORE = 9
 """Attitude, velocity, displacement."""
 
-HEADING_SD_RAD = 100.0
+HEADING_SD_RAD = 10.0
 """Nothing is known of the heading before."""
 TILT_SD_RAD = 0.3
 """The start levels the platform better than this."""
