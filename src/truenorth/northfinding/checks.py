@@ -130,15 +130,15 @@ class RecordFigures:
         """What is known, in the units of reports, by name."""
         known = {
             "gravity_mps2": self.gravity_mps2,
-            "horizontal_earth_rate_dph": self.horizontal_rate_radps / _DPH,
-            "horizontal_earth_rate_sd_dph": self.horizontal_rate_sd_radps / _DPH,
+            "horizontal_rate_dph": self.horizontal_rate_radps / _DPH,
+            "horizontal_rate_sd_dph": self.horizontal_rate_sd_radps / _DPH,
             "turned_deg": float(np.degrees(self.turned_rad)),
-            "shaking_mps": self.velocity_rms_mps,
+            "velocity_rms_mps": self.velocity_rms_mps,
         }
         if self.earth_rate_radps is not None and self.latitude_rad is not None:
             known["earth_rate_dph"] = self.earth_rate_radps / _DPH
             known["earth_rate_sd_dph"] = self.earth_rate_sd_radps / _DPH
-            known["felt_latitude_deg"] = float(np.degrees(self.latitude_rad))
+            known["latitude_deg"] = float(np.degrees(self.latitude_rad))
         return known
 
 

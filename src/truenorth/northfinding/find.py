@@ -146,7 +146,11 @@ def find_north(
     else:
         turned = method in ("positions", "carousel")
         verdict = judge(solution.budget, site, solution.duration_s, required_heading_sd_rad, turned=turned)
-    measured = {**felt.figures(), **solution.measured}
+    told = felt.figures()
+    if "horizontal_rate_dph" in solution.measured:
+        # The method has its own figures of the Earth's turn; one of each is enough.
+        told = {name: value for name, value in told.items() if "rate" not in name and "latitude" not in name}
+    measured = {**told, **solution.measured}
     return dataclasses.replace(solution, method=method, verdict=verdict, measured=measured)
 
 
