@@ -323,8 +323,9 @@ much. The demand is 0.05 deg/h.
 
 {draws} draws each. Predicted: `positions_budget` before the fact. Stated: mean of the solutions' sigma. NEES
 of the three angles, divided by three: within {low:.2f} and {high:.2f} with a probability of 99.9 % where
-covariances are right and errors small. An rms of {draws} draws is good to {good:.0f} % (one sigma). The draws of a sensor are the same units in every row. Above some 30 deg of heading nothing is
-linear, and sigma is that of an angle on the circle, of which 104 deg says nothing at all.
+covariances are right and errors small. An rms of {draws} draws is good to {good:.0f} % (one sigma). The draws
+of a sensor are the same units in every row. Above some 30 deg of heading nothing is linear, and sigma is that
+of an angle on the circle, of which 104 deg says nothing at all.
 
 | sensor | latitude | s | method | predicted, deg | stated, deg | rms, deg | NEES/3 | equivalent, deg/h |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- |"""
