@@ -469,6 +469,15 @@ def test_what_cannot_be_is_refused_in_one_sentence(case):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("step", [3e-6, 1e-4])
+def test_a_sensor_of_coarse_steps_is_not_saturated(step):
+    log = run(msgspec.structs.replace(SENSOR, noise_mps2=1e-7, revolutions=20))
+    signal = np.rint(log.columns["acceleration_mps2"] / step) * step
+    found = find_north_turntable(with_columns(log, acceleration_mps2=signal), SITE, max_vibrations=0)
+    # A step that repeats with the revolutions is no noise: odd harmonics of the steps reach the signal.
+    assert abs(error_deg(found)) < 0.1 * np.degrees(step / coriolis_amplitude_mps2(SENSOR, FORTY))
+
+
 def test_a_scale_that_is_somewhat_off_is_told():
     log = run(msgspec.structs.replace(SENSOR, revolutions=40))
     signal = log.columns["acceleration_mps2"]

@@ -764,9 +764,11 @@ def _check_saturation(signal: np.ndarray) -> None:
             f"the accelerometer says {values[0]:g} m/s^2 in every sample; it is stuck, saturated or not "
             "connected"
         )
-    # A sensor of few steps repeats all of them; one that is cut off repeats its limits.
-    for value, count in ((values[0], counts[0]), (values[-1], counts[-1])):
-        if len(values) > 50 and count > 0.02 * len(signal) and count > 10 * np.median(counts):
+    # A sensor of coarse steps repeats all of them, at the crest of a sine twice as often as next to it; one
+    # that is cut off repeats its limits alone.
+    for k, beside in ((0, 1), (-1, -2)):
+        value, count = values[k], counts[k]
+        if count > max(0.02 * len(signal), 8.0 * counts[beside]):
             raise NoSolutionError(
                 f"{count} of {len(signal)} samples stand at {value:g} m/s^2: the accelerometer was "
                 "saturated; use a wider range"

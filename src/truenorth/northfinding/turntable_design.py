@@ -7,7 +7,7 @@ of M samples, has the Cramer-Rao bound of its phase, and so of the heading,
 
 when the table's angle is known. When only the angle of the first of the N = n M samples is known and the
 speed is estimated too, the bound is larger by :math:`(4N - 2)/(N + 1)`, nearly four times
-(Rife and Boorstyn 1974).
+(Rife and Boorstyn 1974). With no angle at all the phase says nothing: only the amplitude is left.
 
 The square wave collects :math:`\int f \,\mathrm{sgn}(\cos) dt`: of M samples of :math:`T/M` seconds each the
 noise adds up to :math:`T\sigma/\sqrt M`, the signal to :math:`8 w_N \rho = 2 A T / \pi`, so
