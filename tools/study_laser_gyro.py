@@ -211,7 +211,7 @@ def fill(text):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--out", type=Path, required=True, help="folder of the page")
-    parser.add_argument("--step", type=int, default=5, help="seconds between the starts of windows")
+    parser.add_argument("--step", type=int, default=10, help="seconds between the starts of windows")
     options = parser.parse_args()
     path = Path(os.environ.get("TRUENORTH_DATA", "../shared/data")) / LOG
     log = read_imu_table(path)
@@ -239,10 +239,10 @@ on {date(2026, 11, 23).isoformat()}: {versions}.
 """
     page += fill(f"""
         The public log `lasergyro.imu` of the PSINS toolbox (BSD-2): a ring-laser-gyro unit in a parked
-        vehicle, 100 Hz, {log.duration_s:.0f} s, latitude {np.degrees(log.latitude_rad):.4f}°. It is disturbed:
-        roll and pitch jump by 0.05° to 0.15° and velocities by 10 mm/s, in the first nine minutes above all.
-        The stated heading is 90.6°; {TRUE_HEADING_DEG}° is what inertial-frame alignments of the whole record
-        agree on to 0.004°, so errors below that mean nothing.
+        vehicle, 100 Hz, {log.duration_s:.0f} s, latitude {np.degrees(log.latitude_rad):.4f}°. It is
+        disturbed: roll and pitch jump by 0.05° to 0.15° and velocities by 10 mm/s, in the first nine minutes
+        above all. The stated heading is 90.6°; {TRUE_HEADING_DEG}° is what inertial-frame alignments of the
+        whole record agree on to 0.004°, so errors below that mean nothing.
 
         No errors of the sensor are stated where a row does not say so: σ is what the window itself shows.
         Windows overlap: of 300 s there are six independent ones, and the largest error belongs to one or two

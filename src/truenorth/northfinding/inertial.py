@@ -334,6 +334,10 @@ FORMS: dict[str, Callable[[_Problem], _Fit]] = {
 _AT_INSTANTS = ("gravity-fit", "velocity-differences", "velocity-optimised", "two-velocities")
 """Forms that take velocities at instants, with all their shaking."""
 
+SECOND_ORDER_LAG = 0.2
+"""Of a turn x by the gyros over a record, the tilt at its end is in error by some 0.2 x^2 (a cubic whose
+parabola is fitted)."""
+
 _PULSES = 48
 """Instants at which the response of a form to errors is found."""
 
@@ -467,6 +471,23 @@ def _drift_lines(form: str, errors: ImuDescription, site: Site, duration_s: np.n
     return lines
 
 
+def _lag_line(form: str, errors: ImuDescription, site: Site, duration_s: np.ndarray) -> np.ndarray:
+    """Covariance of the tilts by constant errors of the gyros, shape (k, 3, 3).
+
+    They tilt the frame b0 all along, so level at the end is not that of the mean. The forms that fit all
+    bends follow the tilt but for its square.
+    """
+    force = errors.gyro_g_sensitivity_dph_per_g * site.gravity_mps2 / 9.80665
+    turned = np.hypot(errors.gyro_bias_sd_dph, force) * _DPH * duration_s
+    bent = np.minimum(SECOND_ORDER_LAG * turned**2, np.pi / np.sqrt(3.0))
+    lag = _responses(form)[0].sum(axis=0)[:, :2] / _PULSES
+    # Where north is lost both tilts lag like the worse one; where it is not, neither matters.
+    straight = float(np.linalg.norm(lag, 2)) * turned
+    cov = np.zeros((len(duration_s), 3, 3))
+    cov[:, [0, 1], [0, 1]] = (straight**2 + bent**2)[:, None]
+    return cov
+
+
 def _noise_lines(
     form: str, fit: _Fit, problem: _Problem, site: Site, shaking_mps: float, start_mps: float
 ) -> np.ndarray:
@@ -576,14 +597,19 @@ def align_inertial(
         )
     else:
         drifts = _drift_lines(form, errors, site, duration)
+        lag = _lag_line(form, errors, site, duration)
         constant = msgspec.structs.replace(errors, **{key: 0.0 for _, key, _ in _DRIFTS})
         sources = [
             *_noise_budget(form, errors, lines[:, -1], problem.noise, shaking),
             *_drift_budget(errors, drifts[:, -1]),
+            BudgetLine("tilting by the gyro bias", f"{errors.gyro_bias_sd_dph:g} deg/h", lag[-1]),
             *static_budget(constant, rot, site, float(duration[-1]), noise_factor=0.0).lines,
         ]
+        sources = [line for line in sources if line.source == "latitude" or np.any(line.cov_ned_rad2)]
         budget = ErrorBudget(tuple(sorted(sources, key=lambda line: -float(line.cov_ned_rad2[2, 2]))), rot)
-        cov = cov + drifts.sum(axis=0) + covariance_after(constant, rot, site, duration, noise_factor=0.0)
+        cov = (
+            cov + lag + drifts.sum(axis=0) + covariance_after(constant, rot, site, duration, noise_factor=0.0)
+        )
     bumps = int(np.count_nonzero(problem.factors > 1.0))
     if bumps and form in ("velocity-fit", "weighted"):
         notes += (
