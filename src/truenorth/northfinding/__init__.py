@@ -11,12 +11,21 @@ from typing import Any
 _PUBLIC = {
     "DEFAULT_METHOD": "find",
     "ErrorBudget": "solution",
+    "FineAlignment": "fine",
     "METHODS": "find",
     "NorthRun": "solution",
     "NorthSolution": "solution",
     "Site": "site",
     "Verdict": "solution",
+    "align_carousel": "positions",
+    "align_fine": "fine",
+    "align_inertial": "inertial",
+    "align_positions": "positions",
+    "align_static": "static",
+    "detect_stillness": "stillness",
     "find_north": "find",
+    "find_north_turntable": "turntable",
+    "static_budget": "budget",
 }
 """Public name and the module that holds it; loaded on first use."""
 

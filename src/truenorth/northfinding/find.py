@@ -75,8 +75,8 @@ METHODS: dict[str, tuple[Callable[..., NorthSolution], str]] = {
     "two-velocities": (_inertial("two-velocities"), "inertial frame, two vectors"),
     "static": (_static("orthonormal"), "plain averages, two vectors; nothing may move"),
     "published": (_static("published"), "plain averages, the direct form of Oguz (2006)"),
-    "fine": (_fine("always"), "filter with biases, zero velocity throughout; needs --errors"),
-    "strapdown": (_fine("still"), "filter with biases, zero velocity only where the record is still"),
+    "fine": (_fine("always"), "filter with biases, about one place throughout; needs --errors"),
+    "strapdown": (_fine("still"), "filter with biases, held only where the record is still; needs --errors"),
     "positions": (_positions, "two or more positions on a turntable: gyro bias removed"),
     "carousel": (_carousel, "continuous turning on a turntable: gyro bias removed"),
 }
