@@ -229,7 +229,7 @@ TECHNIQUES: dict[str, Technique] = {
         "IMU 0.0035 deg/h, inertial frame",
         lambda place: place.unit.align("velocity-fit", unit="navigation"),
         False,
-        "gyro bias over the horizontal part of the Earth rate",
+        "angle random walk; drift of the accelerometers, which is like gravity turning",
         "navigation-grade IMU",
     ),
 }
