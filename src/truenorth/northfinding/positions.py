@@ -584,7 +584,9 @@ def _step_s(increments: InertialIncrements) -> float:
 
 def _length_s(duration_s: float, longest_s: float) -> float:
     """Length of a block: whole seconds, so that the estimate is known after each, or less than one."""
-    length = min(max(1.0, np.ceil(duration_s / BLOCKS)), longest_s)
+    # Of two seconds where one would make more than half of them: it costs a third.
+    wanted = max(min(2.0, np.ceil(2.0 * duration_s / BLOCKS)), np.ceil(duration_s / BLOCKS), 1.0)
+    length = min(wanted, longest_s)
     return float(np.floor(length)) if length > 1.0 else float(length)
 
 
