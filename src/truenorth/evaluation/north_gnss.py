@@ -11,8 +11,10 @@ ch. 3 and 4.
 """
 
 import time
+from collections.abc import Callable, Iterable
 from dataclasses import fields, replace
 from itertools import combinations
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -26,9 +28,9 @@ from ..config import ArraySettings, GnssSettings
 from ..constants import SPEED_OF_LIGHT_MPS
 from ..errors import NoSolutionError
 from ..positioning import solve_single_point
-from ..simulation import simulate
+from ..simulation import Simulation, simulate
 from ..timescales import NS_PER_S, format_gpst, parse_gpst
-from .north_answers import Answers, wrapped_deg
+from .north_answers import Answers, Scene, wrapped_deg
 
 __all__ = ["KALMAN_EPOCHS", "NOISE_CYC", "SkyOfADay"]
 
@@ -83,11 +85,11 @@ class SkyOfADay:
         Place, heading, seed, and number of runs.
     """
 
-    def __init__(self, scene):
+    def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        self._day = None
+        self._day: Any = None
 
-    def constrained(self, length_m):
+    def constrained(self, length_m: float) -> Answers:
         """Search of all satellites with the known length, one epoch a run, no memory.
 
         Parameters
@@ -100,14 +102,14 @@ class SkyOfADay:
         Answers
         """
         day = self.day()
-        pair = [day.observations[name] for name in ("master", AHEAD[length_m])]
+        base, rover = (day.observations[name] for name in ("master", AHEAD[length_m]))
         settings = _settings(length_m=length_m, single_epoch=True)
         started = time.process_time()
-        solution = _solved(lambda: solve_baseline(*pair, day.navigation, settings=settings))
+        solution = _solved(lambda: solve_baseline(base, rover, day.navigation, settings=settings))
         spent_s = time.process_time() - started
         return self._of_epochs(solution, spent_s, "azimuth_rad", lambda: np.degrees(solution.azimuth_sd_rad))
 
-    def array(self):
+    def array(self) -> Answers:
         """All antennas of the square at once, one epoch a run.
 
         Returns
@@ -128,7 +130,7 @@ class SkyOfADay:
             solution, spent_s, "heading_rad", lambda: np.degrees(np.sqrt(solution.cov_rad2[:, 0, 0]))
         )
 
-    def search(self, length_m):
+    def search(self, length_m: float) -> Answers:
         """The thesis's search of all integer sets: three satellites, one epoch, the set that fits best.
 
         The thesis has no test; whatever comes out best is the answer. Its sigma is the rule (3.21).
@@ -178,7 +180,7 @@ class SkyOfADay:
         sd = np.full(scene.runs, np.degrees(RULE_M / length_m))
         return Answers(error, sd, is_wrong, 0.0, 1e3 * spent_s / scene.runs)
 
-    def kalman(self):
+    def kalman(self) -> Answers:
         """The thesis's two filters: integers over all epochs, rounded, then the baseline over all epochs.
 
         Returns
@@ -192,7 +194,7 @@ class SkyOfADay:
             spent_s += self._filter(run, error, sd, is_wrong)
         return Answers(error, sd, is_wrong, float(KALMAN_EPOCHS), 1e3 * spent_s / n)
 
-    def day(self):
+    def day(self) -> Any:
         """Simulate, once, an epoch a run of all antennas and systems."""
         if self._day is None:
             runs = self.scene.runs
@@ -205,7 +207,7 @@ class SkyOfADay:
             self._day = _every(simulation, each)
         return self._day
 
-    def _filter(self, run, error, sd, is_wrong):
+    def _filter(self, run: int, error: np.ndarray, sd: np.ndarray, is_wrong: np.ndarray) -> float:
         """One run of both filters; seconds of processor time."""
         scene, names = self.scene, ("master", "ahead100")
         simulation = simulate(self._scenario(names, "G", run, KALMAN_EPOCHS - 1.0, 1.0))
@@ -238,7 +240,9 @@ class SkyOfADay:
         is_wrong[run] = not np.array_equal(integers, np.rint(true_cyc[row] - true_cyc[reference]))
         return spent_s
 
-    def _of_epochs(self, solution, spent_s, angle, sd_deg):
+    def _of_epochs(
+        self, solution: Any, spent_s: float, angle: str, sd_deg: Callable[[], np.ndarray]
+    ) -> Answers:
         """Answers of a solution whose epochs are the runs."""
         scene = self.scene
         error, sd = np.full(scene.runs, np.nan), np.full(scene.runs, np.nan)
@@ -249,7 +253,9 @@ class SkyOfADay:
             sd[run[good]] = sd_deg()[good]
         return Answers.judged(error, sd, 0.0, 1e3 * spent_s / scene.runs)
 
-    def _scenario(self, names, systems, run, duration_s, interval_s):
+    def _scenario(
+        self, names: Iterable[str], systems: str, run: int, duration_s: float, interval_s: float
+    ) -> dict[str, Any]:
         """Make a scenario of the common truth."""
         scene = self.scene
         shift_ns = round(run * DAY_S / scene.runs) * NS_PER_S
@@ -279,7 +285,7 @@ class SkyOfADay:
         }
 
 
-def _every(simulation, step):
+def _every(simulation: Simulation, step: int) -> Simulation:
     """Keep every so many epochs of a simulation."""
     observations, signal_truth = {}, {}
     for name, one in simulation.observations.items():
@@ -291,12 +297,12 @@ def _every(simulation, step):
     return replace(simulation, observations=observations, signal_truth=signal_truth, truth=truth)
 
 
-def _settings(**changes):
+def _settings(**changes: Any) -> GnssSettings:
     """Make settings of the solver that know the noise."""
     return msgspec.convert({"stochastic": TOLD} | changes, GnssSettings)
 
 
-def _solved(solve):
+def _solved(solve: Callable[[], Any]) -> Any:
     """Return a solution, or None where no epoch can be solved at all."""
     try:
         return solve()
@@ -304,32 +310,33 @@ def _solved(solve):
         return None
 
 
-def _differences(pair, navigation, settings):
+def _differences(pair: list[Any], navigation: Any, settings: GnssSettings) -> Any:
     """Single differences of two receivers that stand still."""
     points = [
         solve_single_point(one, navigation, systems=settings.systems, elevation_mask_deg=0.0) for one in pair
     ]
-    return build_single_differences(*pair, *points, settings)
+    base, rover = pair
+    return build_single_differences(base, rover, points[0], points[1], settings)
 
 
-def _true_integers(simulation, names, differences):
+def _true_integers(simulation: Simulation, names: Iterable[str], differences: Any) -> np.ndarray:
     """Rover's less base's integer of every single difference, cycles."""
     base, rover = (simulation.signal_truth[name]["integer_cyc"] for name in names)
     return rover[differences.rover_row] - base[differences.base_row]
 
 
-def _is_l1(differences, rows):
+def _is_l1(differences: Any, rows: Any) -> np.ndarray:
     """Rows of the first carrier that have a phase."""
     return np.isclose(differences.wavelength_m[rows], WAVELENGTH_M) & np.isfinite(differences.phase_m[rows])
 
 
-def _widest_three(rows, direction, azimuth_rad):
+def _widest_three(rows: np.ndarray, direction: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
     """Three satellites whose directions span most, in the order of their azimuths."""
     best = max(combinations(rows, 3), key=lambda three: abs(np.linalg.det(direction[list(three)])))
     return np.array(sorted(best, key=lambda row: azimuth_rad[row]))
 
 
-def _four_highest(differences):
+def _four_highest(differences: Any) -> Any:
     """Differences of the four satellites that are highest in the middle, of those there all the time."""
     n = differences.n_epochs
     rows = np.flatnonzero(_is_l1(differences, slice(None)))

@@ -107,14 +107,14 @@ def _of_place(place: Any, path: Path) -> tuple[float, float, float]:
 
 def _of_observations(path: str) -> tuple[float, float, float]:
     """Approximate position of a receiver's file."""
-    pieces = read_pieces(path)  # type: ignore[no-untyped-call]
+    pieces = read_pieces(path)
     first = next(pieces)
     pieces.close()
-    form = sniff_bytes(first)  # type: ignore[no-untyped-call]
+    form = sniff_bytes(first)
     if form is not None and form.name == "rinex_obs":
         position = _of_header(first)
     else:
-        position = read_observations(path).meta.approx_position_ecef_m  # type: ignore[no-untyped-call]
+        position = read_observations(path).meta.approx_position_ecef_m
     advice = "give another file, or --latitude"
     if position is None:
         raise ConfigError(f"{path} tells no position of its receiver; {advice}", key="position", value=path)
