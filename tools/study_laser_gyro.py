@@ -175,7 +175,7 @@ def draw(path, increments, site, every):
     import matplotlib.pyplot as plt
 
     fig, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.0), layout="constrained")
-    shown = ("velocity-fit", "weighted", "velocity-optimised", "two-velocities")
+    shown = ("two-velocities", "velocity-optimised", "weighted", "velocity-fit")
     for form in shown:
         run = align_inertial(increments, site, form=form).run
         error = np.abs(np.degrees(run.angles_rad[:, 0]) - TRUE_HEADING_DEG)
@@ -188,10 +188,10 @@ def draw(path, increments, site, every):
     left.set(
         xlabel="time since the start, s",
         ylabel="error of the heading, °",
-        ylim=(1e-4, 200.0),
+        ylim=(1e-3, 200.0),
         xlim=(8.0, None),
     )
-    left.legend(fontsize="small")
+    left.legend(fontsize="small", loc="lower left")
     errors, sd = every
     start = np.arange(len(errors))
     right.fill_between(start, -sd, sd, alpha=0.25, lw=0.0, label="stated σ")

@@ -7,7 +7,8 @@ from shaken_platform import DPH, SITE, STILL, attitude_error, platform, with_err
 from truenorth.errors import ConfigError, NoSolutionError
 from truenorth.northfinding import Site
 from truenorth.northfinding.budget import accelerometer_sensitivity, gyro_sensitivity
-from truenorth.northfinding.inertial import FORMS, _noise_shapes, align_inertial, estimate_latitude
+from truenorth.northfinding.inertial import FORMS, align_inertial, estimate_latitude
+from truenorth.northfinding.inertial_errors import noise_shapes
 from truenorth.northfinding.static import align_static
 from truenorth.rotations import rot_ned_from_body
 from truenorth.sensors import ImuDescription
@@ -109,14 +110,14 @@ def test_the_last_of_the_run_is_the_result_and_earlier_ones_are_those_of_a_short
 
 def test_responses_to_noise_are_those_of_the_published_weights():
     # 30 u^2 (1 - u)^2, its derivative and its second derivative: integrals of their squares.
-    gyro, accelerometer, shaking, start = _noise_shapes("velocity-fit")[:, 2, 2]
+    gyro, accelerometer, shaking, start = noise_shapes("velocity-fit")[:, 2, 2]
     assert gyro == pytest.approx(10.0 / 7.0, rel=2e-3)
     assert accelerometer == pytest.approx(120.0 / 7.0, rel=2e-3)
     assert shaking == pytest.approx(720.0, rel=3e-3)
     # The velocity at the start is fitted.
     assert start == pytest.approx(0.0, abs=1e-6)
     # Two velocities weigh the rate by a triangle, 4 min(u, 1 - u), whatever happens in between.
-    gyro, accelerometer, shaking, start = _noise_shapes("two-velocities")[:, 2, 2]
+    gyro, accelerometer, shaking, start = noise_shapes("two-velocities")[:, 2, 2]
     assert gyro == pytest.approx(4.0 / 3.0, rel=2e-3)
     assert accelerometer == pytest.approx(16.0, rel=2e-3)
     # V(1) - 2 V(1/2) + V(0), times 4 of each.
@@ -125,7 +126,7 @@ def test_responses_to_noise_are_those_of_the_published_weights():
     # All that a rate can be weighed by is at least as noisy as plain averaging.
     for form in FORMS:
         if form != "weighted":
-            assert _noise_shapes(form)[0, 2, 2] > 1.0
+            assert noise_shapes(form)[0, 2, 2] > 1.0
 
 
 @pytest.mark.parametrize("form", FORMS)
