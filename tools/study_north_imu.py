@@ -460,7 +460,7 @@ def page(found, errors, seed, units, duration_s, latitude_units):
         f"Made by `{command}`",
         f"on {date.today()}: {versions}.",
         "",
-        *paragraph("""G. Oguz, M.Sc. thesis, Middle East Technical University (2006), sec. 6: means of three
+        *paragraph("""P. Oguz, M.Sc. thesis, Middle East Technical University (2006), sec. 6: means of three
             gyros and three accelerometers on a three-axis table in eight attitudes, the azimuth by the direct
             form, and a bound of its error. The published errors are measurements of one unit; how long was
             averaged is not said. Here units are drawn with the stated errors and put into the same

@@ -30,7 +30,7 @@ step squared over T^2, the two ends.
 
 References
 ----------
-Oguz, G., M.Sc. thesis, Middle East Technical University (2006), sec. 6.
+Oguz, P., M.Sc. thesis, Middle East Technical University (2006), sec. 6.
 Groves, P. D., Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed. (2013),
 sec. 5.6.2.
 Heiskanen, W. A., Moritz, H., Physical Geodesy (1967), sec. 5-4 (azimuth and deflection of the vertical).

@@ -27,7 +27,7 @@ angle between them, within the meridian.
 References
 ----------
 Black, H. D., "A passive system for determining the attitude of a satellite", AIAA Journal 2 (1964) 1350-1351.
-Oguz, G., M.Sc. thesis, Middle East Technical University (2006), sec. 6.
+Oguz, P., M.Sc. thesis, Middle East Technical University (2006), sec. 6.
 Titterton, D. H., Weston, J. L., Strapdown Inertial Navigation Technology, 2nd ed. (2004), sec. 10.4.
 """
 
