@@ -332,6 +332,7 @@ CONSUMER = ImuDescription(grade="consumer")
         (align_carousel, "steady", {"errors": CONSUMER}, "may lose its heading"),
         (align_carousel, "steady", {"axis_body": np.array([1.0, 0.0, 0.0])}, "about the stated axis"),
         (align_carousel, "steady", {"table_angle_rad": np.zeros(3)}, "one for each"),
+        (align_carousel, "steady", {"table_angle_rad": np.linspace(0.0, -31.4, 1201)}, "not wrapped"),
         (align_positions, "turn", {"axis_body": np.array([0.0, 1.0, 0.0])}, "90 deg off"),
         (align_positions, "turn", {"axis_body": np.zeros(3)}, "three numbers"),
         (align_positions, "turn", {"table_angle_rad": np.zeros(3)}, "2 halts"),

@@ -47,7 +47,7 @@ from .solution import BudgetLine, ErrorBudget, NorthRun, NorthSolution
 __all__ = ["align_carousel", "align_positions", "find_halts", "positions_budget", "turning_plan"]
 
 BLOCKS = 400
-"""At most as many blocks a record becomes; within one the noise of the gyros goes straight."""
+"""At most as many blocks a record becomes, from within which the noise of the gyros is followed."""
 
 SPANS = 100
 """About as many spans of blocks are looked at; shorter ones hold nothing more of a slow Earth."""
@@ -83,6 +83,10 @@ MOST_BLOCKS = 400
 """What takes a few seconds to solve."""
 
 LEAST_PER_TURN = 8
+"""Blocks in a turn where there are too many turns for more."""
+
+TURN_MATCH_SHARE = 0.02
+"""And of a carousel: no gyro has such a scale error."""
 
 LOST_DEG = 30.0
 """Drift of a gyro on a carousel beyond which its turns cannot be followed without an encoder."""
@@ -315,21 +319,24 @@ def align_carousel(
                 key="table_angle_rad",
                 value=given.size,
             )
+        seen, said = float(increments.angle_rad.sum(axis=0) @ axis), float(given[-1] - given[0])
+        if not abs(said - seen) < TURN_MATCH_RAD + TURN_MATCH_SHARE * turned + _drift_rad(errors, duration):
+            raise NoSolutionError(
+                f"the table is said to have turned by {np.degrees(said):.0f} deg, but the gyros saw "
+                f"{np.degrees(seen):.0f}; give angles that are not wrapped and rise clockwise about the axis"
+            )
         samples = round(_step_s(blocks) / _step_s(increments))
         # One in a quarter turn is as good as all.
         edges = np.arange(0, n + 1, max(1, PER_TURN // 4))
         angles = given[::samples][: n + 1][edges]
     table = _record(blocks, span, np.full(n, -1), edges, angles, axis, fixed_axis=wobble_rad is not None)
     if errors is not None and table_angle_rad is None:
-        drift = errors.gyro_bias_sd_dph / 3600.0 * duration
-        scaled = (
-            1e-6 * errors.gyro_scale_sd_ppm * np.degrees(abs(float(increments.angle_rad.sum(axis=0) @ axis)))
-        )
-        if np.hypot(drift, scaled) > LOST_DEG:
+        net = abs(float(increments.angle_rad.sum(axis=0) @ axis))
+        lost = np.degrees(np.hypot(_drift_rad(errors, duration), 1e-6 * errors.gyro_scale_sd_ppm * net))
+        if lost > LOST_DEG:
             raise NoSolutionError(
                 f"over {duration:.0f} s on the carousel a gyro as stated may lose its heading by "
-                f"{np.hypot(drift, scaled):.0f} deg; give the angles of the table, or turn for a "
-                "shorter time"
+                f"{lost:.0f} deg; give the angles of the table, or turn for a shorter time"
             )
     stated = errors if errors is not None else _free_errors(table)
     noise = Noise(
@@ -351,6 +358,13 @@ def align_carousel(
             )
     measured = {"turned_deg": float(np.degrees(turned)), "turn_period_s": float(period)}
     return _solution("carousel", increments, found, site, errors, noise, running, measured, notes)
+
+
+def _drift_rad(errors: ImuDescription | None, duration_s: float) -> float:
+    """Heading that the bias of the gyros may lose, one sigma as stated, or what is hardly ever more."""
+    if errors is None:
+        return float(np.radians(LOST_DEG))
+    return float(np.radians(errors.gyro_bias_sd_dph / 3600.0 * duration_s))
 
 
 def turning_plan(duration_s: float, positions: int = 2, turn_s: float = 10.0) -> np.ndarray:

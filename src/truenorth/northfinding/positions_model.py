@@ -278,7 +278,6 @@ class Geometry:
         table, k, span = self.table, self.table.force_edges, self.table.span
         swung = (self.rot[k + span] - 2.0 * self.rot[k] + self.rot[k - span]) / (span * table.step_s)
         force = (np.swapaxes(self.earth[k], -1, -2) @ swung)[:, :2]
-        table = self.table
         return self._stack(
             force,
             np.zeros((len(table.rest), 3, 3)),
