@@ -25,6 +25,7 @@ _PUBLIC = {
     "align_static": "static",
     "design_turntable": "turntable_design",
     "detect_stillness": "stillness",
+    "estimate_latitude": "inertial",
     "find_north": "find",
     "find_north_turntable": "turntable",
     "static_budget": "budget",
