@@ -4,6 +4,8 @@ Unusable input raises a `TrueNorthError`: one sentence that says what was being 
 and what to do. What can happen to a single epoch is data: a `Status` and a `Reason`.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import IntEnum
 
 __all__ = [
@@ -16,6 +18,7 @@ __all__ = [
     "Status",
     "TrueNorthError",
     "TrueNorthWarning",
+    "writing",
 ]
 
 
@@ -78,6 +81,32 @@ class ConfigError(TrueNorthError, ValueError):
         self.key = key
         self.value = value
         super().__init__(message)
+
+
+@contextmanager
+def writing(path: object, *, key: str = "out") -> Iterator[None]:
+    """Let an error of the file system say which file could not be written, and what to do.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    key : str
+        The setting that named it.
+
+    Raises
+    ------
+    ConfigError
+        In place of an `OSError` of what is done inside.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise ConfigError(
+            f"could not write {path}: {error.strerror or error}; give another place",
+            key=key,
+            value=str(path),
+        ) from error
 
 
 class ModelError(TrueNorthError, ArithmeticError):

@@ -231,14 +231,10 @@ def _kept_index(kept: list[int], k: int, names: list[str]) -> int:
 
 
 def _write(path: Path, text: str, written: list[Path]) -> None:
-    from ..errors import ConfigError
+    from ..errors import writing
 
-    try:
+    with writing(path):
         path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(
-            f"could not write {path}: {error.strerror or error}; give another place", key="out"
-        ) from error
     written.append(path)
 
 

@@ -116,7 +116,7 @@ def _write_page(
     seconds: dict[str, float],
 ) -> None:
     """Write the page of the demo."""
-    from ..errors import ConfigError
+    from ..errors import writing
     from ..formats import read_table
     from ..report.comparison_page import comparison_html
 
@@ -147,12 +147,8 @@ def _write_page(
         rows=rows,
         places=_places(scenario, read_table(truth)[0]),
     )
-    try:
+    with writing(page):
         page.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(
-            f"could not write {page}: {error.strerror}; give another `--out`", key="out", value=str(page)
-        ) from error
 
 
 def _places(scenario: Scenario, truth: dict[str, Any]) -> list[tuple[int, str]]:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..attitude.array_solution import AttitudeSolution
-from ..errors import ConfigError
+from ..errors import ConfigError, writing
 from .columns import format_times
 from .layout import arrays_of, columns_of
 
@@ -54,7 +54,7 @@ def write_solution(solution, path, *, format=None):
     """
     path = Path(path)
     name = check_output_path(path, format=format, of_array=isinstance(solution, AttitudeSolution))
-    try:
+    with writing(path):
         if name == "parquet":
             from .tables import to_polars
 
@@ -65,12 +65,6 @@ def write_solution(solution, path, *, format=None):
             to_xarray(solution).to_netcdf(path)
         else:
             path.write_text(_TEXT_WRITERS[name](solution), encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise ConfigError(
-            f"could not write {path}: {error.strerror or error}; give another `--out`",
-            key="out",
-            value=str(path),
-        ) from error
     return path
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import ConfigError
+from ..errors import writing
 from .files import check_suffix
 
 __all__ = ["TABLE_SUFFIXES", "check_table_path", "table_csv", "write_table"]
@@ -50,7 +50,7 @@ def write_table(columns, path):
     """
     path = Path(path)
     check_table_path(path)
-    try:
+    with writing(path):
         if path.suffix.lower() == ".parquet":
             import polars as pl
 
@@ -61,12 +61,6 @@ def write_table(columns, path):
             pl.DataFrame(arrays).write_parquet(path)
         else:
             path.write_text(table_csv(columns), encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise ConfigError(
-            f"could not write {path}: {error.strerror or error}; give another `--out`",
-            key="out",
-            value=str(path),
-        ) from error
     return path
 
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from ..errors import ConfigError
+from ..errors import writing
 from ..timescales import format_gpst
 from .files import ensure_writable
 
@@ -48,10 +48,6 @@ def write_settings(session, result_path, *, solution=None):
         first, last = (format_gpst(time_ns) for time_ns in solution.time_ns[[0, -1]])
         heading.append(f"# {solution.n_epochs} epochs, {first} to {last} GPST")
     text = "\n".join(heading) + "\n\n" + session.to_toml(folder=path.parent)
-    try:
+    with writing(path):
         path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(
-            f"could not write {path}: {error.strerror or error}", key="out", value=str(path)
-        ) from error
     return path

@@ -1,9 +1,8 @@
 """Writing figures; the suffix names the kind of file."""
 
-from contextlib import contextmanager
 from pathlib import Path
 
-from ..errors import ConfigError
+from ..errors import writing
 from ..export.files import check_suffix
 
 __all__ = ["STATIC_SUFFIXES", "check_figure_path", "check_static_path", "save_figure", "write_figure"]
@@ -50,7 +49,7 @@ def write_figure(solution, path):
     """
     path = Path(path)
     check_figure_path(path)
-    with _naming_place(path):
+    with writing(path, key="figure"):
         if path.suffix.lower() == ".html":
             from .page import page_html
 
@@ -100,19 +99,6 @@ def save_figure(figure, path):
     """
     path = Path(path)
     check_static_path(path)
-    with _naming_place(path):
+    with writing(path, key="figure"):
         figure.savefig(path)
     return path
-
-
-@contextmanager
-def _naming_place(path):
-    """Let an error of the file system say which file, and what to do."""
-    try:
-        yield
-    except OSError as error:
-        raise ConfigError(
-            f"could not write {path}: {error.strerror or error}; give another place",
-            key="figure",
-            value=str(path),
-        ) from error

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..config import convert_settings, toml_lines
-from ..errors import ConfigError, FormatError
+from ..errors import ConfigError, FormatError, writing
 from .imu import GRADES, ImuDescription
 
 __all__ = ["errors_toml", "read_errors", "write_errors"]
@@ -134,12 +134,6 @@ def write_errors(
         If it cannot be written.
     """
     path = Path(path)
-    try:
+    with writing(path):
         path.write_text(errors_toml(description, comments), encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise ConfigError(
-            f"could not write {path}: {error.strerror or error}; give another place",
-            key="out",
-            value=str(path),
-        ) from error
     return path
