@@ -1,4 +1,4 @@
-"""Physical constants, satellite systems, bands and carrier frequencies.
+"""Physical constants, units of data sheets, satellite systems, bands and carrier frequencies.
 
 Sources: GPS IS-GPS-200N, Galileo OS-SIS-ICD 2.1, BeiDou BDS-SIS-ICD (B1I 3.0, B3I 1.0, B1C 1.0,
 B2a 1.0, B2b 1.0), GLONASS ICD L1/L2 5.1 and CDMA ICDs 1.0, QZSS IS-QZSS-PNT-005, IRNSS SIS ICD 1.1,
@@ -8,6 +8,15 @@ RINEX 4.01 tables 12-18 (band digits).
 import numpy as np
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
+
+STANDARD_GRAVITY_MPS2 = 9.80665
+"""What a ``g`` of data sheets means (CGPM 1901); not the gravity of a place."""
+
+DPH_RADPS = np.pi / 180.0 / 3600.0
+"""A degree an hour."""
+
+UG_MPS2 = 1e-6 * STANDARD_GRAVITY_MPS2
+"""A millionth of standard gravity."""
 
 SYSTEMS = "GRECJIS"
 """System letters in the order of the integer codes: GPS, GLONASS, Galileo, BeiDou, QZSS, NavIC, SBAS."""

@@ -159,10 +159,10 @@ def _design(
 
     import numpy as np
 
+    from ..constants import UG_MPS2
     from ..export.planning import write_table
     from ..northfinding.turntable_design import design_turntable
     from ..report.files import save_figure
-    from ..sensors.imu import STANDARD_GRAVITY_MPS2
     from .plan import check_files
 
     check_files(out, figure)
@@ -170,7 +170,7 @@ def _design(
         _check_positive("--require-deg", require_deg)
     density = None
     if noise_density is not None:
-        density = [1e-6 * STANDARD_GRAVITY_MPS2 * ug for ug in _numbers("--noise-density", noise_density)]
+        density = [UG_MPS2 * ug for ug in _numbers("--noise-density", noise_density)]
     design = design_turntable(
         np.radians(_numbers("--latitude", latitude)).tolist(),
         radius_m=_numbers("--radius", radius),

@@ -47,6 +47,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..attitude.vectors import angle_jacobian
+from ..constants import DPH_RADPS, STANDARD_GRAVITY_MPS2, UG_MPS2
 from .site import Site
 from .solution import BudgetLine, ErrorBudget, Verdict
 
@@ -74,8 +75,6 @@ Form = Literal["orthonormal", "published"]
 DEFLECTION_SD_RAD = float(np.radians(5.0 / 3600.0))
 """Deflection of the vertical that is assumed, each component: 5 arc seconds; tens in the mountains."""
 
-_DPH = np.pi / 180.0 / 3600.0
-_UG = 1e-6 * 9.80665
 
 HOPELESS_SD_RAD = 0.5
 """Where first-order theory says more than this, the horizontal Earth rate is lost in the errors."""
@@ -201,20 +200,20 @@ def _axis_sources(
     walk, vrw = errors.gyro_random_walk_deg_per_sqrt_h, errors.accel_random_walk_mps_per_sqrt_h
     gyro_density, accel_density = np.radians(walk) / 60.0, vrw / 60.0
     bias = errors.gyro_bias_sd_dph
-    yield _Source("gyro bias", f"{bias:g} deg/h", True, constant((_DPH * bias) ** 2))
+    yield _Source("gyro bias", f"{bias:g} deg/h", True, constant((DPH_RADPS * bias) ** 2))
     floor = errors.gyro_bias_instability_dph
-    yield _Source("gyro bias instability", f"{floor:g} deg/h", True, _flicker_mean(time, _DPH * floor))
+    yield _Source("gyro bias instability", f"{floor:g} deg/h", True, _flicker_mean(time, DPH_RADPS * floor))
     yield _Source("angle random walk", f"{walk:g} deg/sqrt(h)", True, noise_factor * gyro_density**2 / time)
     drift = errors.gyro_bias_walk_dph_per_sqrt_h
     yield _Source(
-        "rate random walk", f"{drift:g} deg/h/sqrt(h)", True, (_DPH * drift / 60.0) ** 2 * time / 3.0
+        "rate random walk", f"{drift:g} deg/h/sqrt(h)", True, (DPH_RADPS * drift / 60.0) ** 2 * time / 3.0
     )
     force = errors.gyro_g_sensitivity_dph_per_g
     yield _Source(
         "gyro g-sensitivity",
         f"{force:g} deg/h/g",
         True,
-        constant((_DPH * force * gravity_mps2 / 9.80665) ** 2),
+        constant((DPH_RADPS * force * gravity_mps2 / STANDARD_GRAVITY_MPS2) ** 2),
     )
     step = errors.gyro_resolution_dps
     yield _Source(
@@ -224,22 +223,24 @@ def _axis_sources(
         _counted(errors.output, np.radians(step), step_s, gyro_density, time, noise_factor),
     )
     bias = errors.accel_bias_sd_ug
-    yield _Source("accelerometer bias", f"{bias:g} ug", False, constant((_UG * bias) ** 2))
+    yield _Source("accelerometer bias", f"{bias:g} ug", False, constant((UG_MPS2 * bias) ** 2))
     floor = errors.accel_bias_instability_ug
-    yield _Source("accelerometer bias instability", f"{floor:g} ug", False, _flicker_mean(time, _UG * floor))
+    yield _Source(
+        "accelerometer bias instability", f"{floor:g} ug", False, _flicker_mean(time, UG_MPS2 * floor)
+    )
     yield _Source(
         "velocity random walk", f"{vrw:g} m/s/sqrt(h)", False, noise_factor * accel_density**2 / time
     )
     drift = errors.accel_bias_walk_ug_per_sqrt_h
     yield _Source(
-        "accelerometer bias walk", f"{drift:g} ug/sqrt(h)", False, (_UG * drift / 60.0) ** 2 * time / 3.0
+        "accelerometer bias walk", f"{drift:g} ug/sqrt(h)", False, (UG_MPS2 * drift / 60.0) ** 2 * time / 3.0
     )
     step = errors.accel_resolution_ug
     yield _Source(
         "accelerometer quantisation",
         f"{step:g} ug",
         False,
-        _counted(errors.output, _UG * step, step_s, accel_density, time, noise_factor),
+        _counted(errors.output, UG_MPS2 * step, step_s, accel_density, time, noise_factor),
     )
 
 
@@ -611,7 +612,7 @@ def judge(
         subject = limit if worst.source == "gyro bias" else f"what {limit} leaves"
         sentence = (
             f"This sensor cannot find north {where}: {subject} is {times} the horizontal Earth rate of"
-            f" {site.horizontal_rate_radps / _DPH:.1f} deg/h there; {remedy}."
+            f" {site.horizontal_rate_radps / DPH_RADPS:.1f} deg/h there; {remedy}."
         )
     else:
         sentence = (

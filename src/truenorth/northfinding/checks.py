@@ -30,6 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..constants import DPH_RADPS, STANDARD_GRAVITY_MPS2, UG_MPS2
 from ..errors import NoSolutionError
 from ..formats.imu_table import ImuTable
 from ..gravity import EARTH_RATE_RADPS
@@ -71,8 +72,6 @@ TILT_LIMIT = 2.5
 """Tilts felt by accelerometers against those felt by gyros; a lever arm of a swaying body makes up to 2."""
 
 _SIGMAS = 5.0
-_DPH = np.pi / 180.0 / 3600.0
-_UG = 1e-6 * 9.80665
 _AXES = ("x", "y", "z")
 _PART = "select a part without it with --from and --until"
 
@@ -130,14 +129,14 @@ class RecordFigures:
         """What is known, in the units of reports, by name."""
         known = {
             "gravity_mps2": self.gravity_mps2,
-            "horizontal_rate_dph": self.horizontal_rate_radps / _DPH,
-            "horizontal_rate_sd_dph": self.horizontal_rate_sd_radps / _DPH,
+            "horizontal_rate_dph": self.horizontal_rate_radps / DPH_RADPS,
+            "horizontal_rate_sd_dph": self.horizontal_rate_sd_radps / DPH_RADPS,
             "turned_deg": float(np.degrees(self.turned_rad)),
             "velocity_rms_mps": self.velocity_rms_mps,
         }
         if self.earth_rate_radps is not None and self.latitude_rad is not None:
-            known["earth_rate_dph"] = self.earth_rate_radps / _DPH
-            known["earth_rate_sd_dph"] = self.earth_rate_sd_radps / _DPH
+            known["earth_rate_dph"] = self.earth_rate_radps / DPH_RADPS
+            known["earth_rate_sd_dph"] = self.earth_rate_sd_radps / DPH_RADPS
             known["latitude_deg"] = float(np.degrees(self.latitude_rad))
         return known
 
@@ -270,7 +269,7 @@ def _refuse_saturated(
     if errors is not None:
         ranges = {
             "gyro": float(np.radians(errors.gyro_range_dps)),
-            "accelerometer": errors.accel_range_g * 1e6 * _UG,
+            "accelerometer": errors.accel_range_g * 1e6 * UG_MPS2,
         }
     if table is not None:
         ranges["gyro"] = table.gyro_range_radps or ranges["gyro"]
@@ -382,7 +381,7 @@ def _refuse_wrong_force(
             f" {site.gravity_mps2:.4f}, and changes by {0.5 * (high - low):.2g} m/s^2 from second to second;"
             f" select a part at rest with --from and --until"
         )
-    g = 9.80665
+    g = STANDARD_GRAVITY_MPS2
     looks = {
         g: "looks like m/s^2 taken as g",
         1.0 / g: "looks like g taken as m/s^2",
@@ -455,10 +454,10 @@ def _stated_rate_sd(errors: ImuDescription | None, duration_s: float, mean_rate_
     if errors is None:
         return None
     parts = (
-        errors.gyro_bias_sd_dph * _DPH,
-        errors.gyro_bias_instability_dph * _DPH,
-        errors.gyro_bias_walk_dph_per_sqrt_h * _DPH * np.sqrt(duration_s / 3600.0),
-        errors.gyro_g_sensitivity_dph_per_g * _DPH,
+        errors.gyro_bias_sd_dph * DPH_RADPS,
+        errors.gyro_bias_instability_dph * DPH_RADPS,
+        errors.gyro_bias_walk_dph_per_sqrt_h * DPH_RADPS * np.sqrt(duration_s / 3600.0),
+        errors.gyro_g_sensitivity_dph_per_g * DPH_RADPS,
         errors.gyro_random_walk_deg_per_sqrt_h * np.pi / 180.0 / 60.0 / np.sqrt(duration_s),
         errors.gyro_scale_sd_ppm * 1e-6 * mean_rate_radps,
         errors.gyro_misalignment_sd_mrad * 1e-3 * mean_rate_radps,
@@ -595,8 +594,8 @@ def _guess(ratio: float) -> str:
 def _wrong_factor(ratio: float, horizontal: float, site: Site) -> str:
     """The sentence of gyros with a wrong factor."""
     return (
-        f"the gyros turn gravity by {horizontal / _DPH:.4g} deg/h where the Earth turns it by"
-        f" {site.horizontal_rate_radps / _DPH:.2f} deg/h (a factor of {ratio:.3g}{_guess(ratio)});"
+        f"the gyros turn gravity by {horizontal / DPH_RADPS:.4g} deg/h where the Earth turns it by"
+        f" {site.horizontal_rate_radps / DPH_RADPS:.2f} deg/h (a factor of {ratio:.3g}{_guess(ratio)});"
         f" check the unit and scale of their columns, or state their bias if it is larger than the Earth rate"
     )
 
@@ -639,18 +638,19 @@ def _refuse_wrong_rate(
     ratio = felt / whole
     if ratio > 1.5:
         raise NoSolutionError(_wrong_factor(ratio, figures.horizontal_rate_radps, site))
+    found_dph, noise_dph, whole_dph = (rate / DPH_RADPS for rate in (felt, noise, whole))
     if ratio < 0.5:
         raise NoSolutionError(
-            f"the gyros do not feel the Earth turn: {felt / _DPH:.3g} +- {noise / _DPH:.2g} deg/h where there"
-            f" are {whole / _DPH:.2f} (a factor of {ratio:.2g}{_guess(ratio)}); check the unit and scale of"
-            f" their columns, or take a better sensor"
+            f"the gyros do not feel the Earth turn: {found_dph:.3g} +- {noise_dph:.2g} deg/h where there are"
+            f" {whole_dph:.2f} (a factor of {ratio:.2g}{_guess(ratio)}); check the unit and scale of their"
+            f" columns, or take a better sensor"
         )
+    where = f"{found_dph:.2f} +- {noise_dph:.2g} deg/h"
     if figures.latitude_rad is None:
-        where = f"{felt / _DPH:.2f} +- {noise / _DPH:.2g} deg/h about the horizontal, not {whole / _DPH:.2f}"
+        where += f" about the horizontal, not {whole_dph:.2f}"
     else:
-        where = (
-            f"{felt / _DPH:.2f} +- {noise / _DPH:.2g} deg/h as at latitude"
-            f" {np.degrees(figures.latitude_rad):.1f}, not {whole / _DPH:.2f} at"
+        where += (
+            f" as at latitude {np.degrees(figures.latitude_rad):.1f}, not {whole_dph:.2f} at"
             f" {np.degrees(site.latitude_rad):.1f}"
         )
     raise NoSolutionError(

@@ -36,6 +36,7 @@ from typing import Literal
 import numpy as np
 
 from ..attitude.vectors import angle_covariance
+from ..constants import DPH_RADPS, UG_MPS2
 from ..errors import ConfigError, NoSolutionError
 from ..rotations import exp_so3, heading_pitch_roll
 from ..sensors.imu import ImuDescription
@@ -86,8 +87,6 @@ DRIFTS_RAD = 5e-3
 """The same of the drift over the record by what was found of the gyro biases."""
 UNKNOWN_RAD = 0.5
 """A heading that is less certain is none: the nominal one is kept, and the run gives none."""
-_DPH = np.pi / 180.0 / 3600.0
-_UG = 1e-6 * 9.80665
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -448,10 +447,10 @@ def _solution(
     observability = observe(model, forward, rot)
     shaking_sd = np.sqrt(np.mean(forward.displacement_var, axis=0))
     measured = {
-        **{f"gyro_bias_{axis}_dph": float(gyro[-1, k] / _DPH) for k, axis in enumerate("xyz")},
-        **{f"gyro_bias_{axis}_sd_dph": float(gyro_sd[k] / _DPH) for k, axis in enumerate("xyz")},
-        **{f"accel_bias_{axis}_ug": float(accel[-1, k] / _UG) for k, axis in enumerate("xyz")},
-        **{f"accel_bias_{axis}_sd_ug": float(accel_sd[k] / _UG) for k, axis in enumerate("xyz")},
+        **{f"gyro_bias_{axis}_dph": float(gyro[-1, k] / DPH_RADPS) for k, axis in enumerate("xyz")},
+        **{f"gyro_bias_{axis}_sd_dph": float(gyro_sd[k] / DPH_RADPS) for k, axis in enumerate("xyz")},
+        **{f"accel_bias_{axis}_ug": float(accel[-1, k] / UG_MPS2) for k, axis in enumerate("xyz")},
+        **{f"accel_bias_{axis}_sd_ug": float(accel_sd[k] / UG_MPS2) for k, axis in enumerate("xyz")},
         "displacement_sd_m": float(np.sqrt(np.mean(forward.displacement_var))),
         "nis_mean": _mean_nis(forward),
         "moved_instants": float(np.count_nonzero(nis > MOVED)),

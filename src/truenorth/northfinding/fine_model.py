@@ -41,6 +41,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..constants import DPH_RADPS, STANDARD_GRAVITY_MPS2, UG_MPS2
 from ..rotations import exp_so3, skew
 from ..sensors.imu import ImuDescription
 from ..sensors.processes import flicker_components
@@ -57,9 +58,6 @@ HEADING_SD_RAD = 10.0
 TILT_SD_RAD = 0.3
 """The start levels the platform better than this."""
 START_VELOCITY_SD_MPS = 1.0
-
-_DPH = np.pi / 180.0 / 3600.0
-_UG = 1e-6 * 9.80665
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,10 +155,10 @@ class ErrorModel:
         self._level = level_from_body
         # Of the flicker's components each pair makes one state.
         self.gyro_flicker = _components(
-            _DPH * errors.gyro_bias_instability_dph, self.interval_s, self.duration_s
+            DPH_RADPS * errors.gyro_bias_instability_dph, self.interval_s, self.duration_s
         )
         self.accel_flicker = _components(
-            _UG * errors.accel_bias_instability_ug, self.interval_s, self.duration_s
+            UG_MPS2 * errors.accel_bias_instability_ug, self.interval_s, self.duration_s
         )
         self._layout()
 
@@ -419,8 +417,8 @@ def _sources(model: ErrorModel) -> list[Source]:
     axes = model._level @ mount
     earth, force = model.site.earth_rate_ned_radps @ axes, model.site.force_ned_mps2 @ axes
     for sensor, unit, letter, sensed in (
-        ("gyro", _DPH, "gyro", earth),
-        ("accelerometer", _UG, "accel", force),
+        ("gyro", DPH_RADPS, "gyro", earth),
+        ("accelerometer", UG_MPS2, "accel", force),
     ):
         gyro = sensor == "gyro"
         names = ("dph", "deg/h") if gyro else ("ug", "ug")
@@ -465,14 +463,14 @@ def _sources(model: ErrorModel) -> list[Source]:
                 {bias: _turned_diagonal(mount, others * (square.sum() - square))},
             )
     sensitive = errors.gyro_g_sensitivity_dph_per_g
-    by_force = (_DPH * sensitive * model.site.gravity_mps2 / 9.80665) ** 2
+    by_force = (DPH_RADPS * sensitive * model.site.gravity_mps2 / STANDARD_GRAVITY_MPS2) ** 2
     add("gyro g-sensitivity", f"{sensitive:g} deg/h/g", {"gyro bias": by_force})
     arw, vrw = errors.gyro_random_walk_deg_per_sqrt_h, errors.accel_random_walk_mps_per_sqrt_h
     arw_density2, vrw_density2 = (np.radians(arw) / 60.0) ** 2, (vrw / 60.0) ** 2
     add("angle random walk", f"{arw:g} deg/sqrt(h)", {}, None, _gyro_noise(model, arw_density2))
     add("velocity random walk", f"{vrw:g} m/s/sqrt(h)", {}, None, _accel_noise(model, vrw_density2))
     gyro_step = float(np.radians(errors.gyro_resolution_dps))
-    accel_step = _UG * errors.accel_resolution_ug
+    accel_step = UG_MPS2 * errors.accel_resolution_ug
     step_s = 1.0 / errors.rate_hz
     stated_steps = f"{errors.gyro_resolution_dps:g} deg/s", f"{errors.accel_resolution_ug:g} ug"
     if errors.output == "rates":

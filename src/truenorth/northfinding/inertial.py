@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..attitude.vectors import angle_covariance
+from ..constants import DPH_RADPS, UG_MPS2
 from ..errors import ConfigError, NoSolutionError
 from ..gravity import EARTH_RATE_RADPS
 from ..rotations import exp_so3, heading_pitch_roll
@@ -49,9 +50,6 @@ LATITUDE_STEPS = 4
 LAST_LATITUDE_RAD = float(np.radians(89.8))
 LATITUDE_SLACK = 0.05
 """How much faster than the Earth noise may make gravity turn at the equator."""
-
-_DPH = np.pi / 180.0 / 3600.0
-_UG = 1e-6 * 9.80665
 
 
 def align_inertial(
@@ -127,7 +125,7 @@ def align_inertial(
         notes += (
             "The errors of the sensor were not stated: sigma covers only the noise seen in the data; a gyro"
             f" bias of 1 deg/h towards east would turn north by"
-            f" {np.degrees(_DPH / site.horizontal_rate_radps):.2g} deg.",
+            f" {np.degrees(DPH_RADPS / site.horizontal_rate_radps):.2g} deg.",
         )
     else:
         budget, cov = stated_budget(form, errors, rot, site, duration, lines, problem.noise, shaking)
@@ -233,7 +231,7 @@ def _stated_walks(errors: ImuDescription) -> tuple[float, float]:
     if errors.output == "rates":
         rounding = 1.0 / np.sqrt(12.0 * errors.rate_hz)
         gyro = np.hypot(gyro, np.radians(errors.gyro_resolution_dps) * rounding)
-        accelerometer = np.hypot(accelerometer, errors.accel_resolution_ug * _UG * rounding)
+        accelerometer = np.hypot(accelerometer, errors.accel_resolution_ug * UG_MPS2 * rounding)
     return float(gyro), float(accelerometer)
 
 
@@ -252,7 +250,7 @@ def _measured(problem: AlignmentProblem, fit: AlignmentFit, site: Site, left: np
     }
     if fit.bend_mps2_per_s is not None:
         horizontal_radps = _horizontal_rate_radps(problem, fit, site)
-        measured["horizontal_rate_dph"] = horizontal_radps / _DPH
+        measured["horizontal_rate_dph"] = horizontal_radps / DPH_RADPS
         latitude = np.arccos(np.clip(horizontal_radps / EARTH_RATE_RADPS, -1.0, 1.0))
         measured["latitude_deg"] = float(np.degrees(np.copysign(latitude, site.latitude_rad)))
     return measured
@@ -327,6 +325,6 @@ def estimate_latitude(
     variance = float(lines[:, -1, 2, 2].sum()) * np.cos(site.latitude_rad) ** 2
     if errors is not None:
         biases = np.hypot(errors.gyro_bias_sd_dph, errors.gyro_bias_instability_dph)
-        variance += (biases * _DPH / EARTH_RATE_RADPS) ** 2
+        variance += (biases * DPH_RADPS / EARTH_RATE_RADPS) ** 2
     sine = max(abs(np.sin(site.latitude_rad)), np.sqrt(variance) ** 0.5)
     return replace(site, latitude_sd_rad=float(np.sqrt(variance) / sine))

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
+from ..constants import DPH_RADPS, STANDARD_GRAVITY_MPS2, UG_MPS2
 from ..rotations import exp_so3
 from ..sensors.processes import flicker_components
 from .budget import covariance_after, static_budget
@@ -38,8 +39,6 @@ if TYPE_CHECKING:
 
 __all__ = ["noise_covariances", "noise_shapes", "pulse_responses", "stated_budget"]
 
-_DPH = np.pi / 180.0 / 3600.0
-_UG = 1e-6 * 9.80665
 
 SECOND_ORDER_LAG = 0.2
 """Of a turn x by the gyros over a record, the tilt at its end is in error by some 0.2 x^2 (a cubic whose
@@ -182,7 +181,7 @@ def _drift_covariances(form: str, errors: ImuDescription, site: Site, duration_s
     lines = np.zeros((len(_DRIFTS), len(duration_s), 3, 3))
     for number, (_, key, _) in enumerate(_DRIFTS):
         sensor = number // 2
-        size = getattr(errors, key) * (_DPH, _UG)[sensor]
+        size = getattr(errors, key) * (DPH_RADPS, UG_MPS2)[sensor]
         if number % 2:
             # Stated by square roots of an hour.
             shape = walks[sensor] * (size / 60.0) ** 2 * duration_s[:, None, None]
@@ -202,8 +201,8 @@ def _lag_covariance(form: str, errors: ImuDescription, site: Site, duration_s: n
     They tilt the frame b0 all along, so level at the end is not that of the mean. The forms that fit all
     bends follow the tilt but for its square.
     """
-    force = errors.gyro_g_sensitivity_dph_per_g * site.gravity_mps2 / 9.80665
-    turned = np.hypot(errors.gyro_bias_sd_dph, force) * _DPH * duration_s
+    force = errors.gyro_g_sensitivity_dph_per_g * site.gravity_mps2 / STANDARD_GRAVITY_MPS2
+    turned = np.hypot(errors.gyro_bias_sd_dph, force) * DPH_RADPS * duration_s
     bent = np.minimum(SECOND_ORDER_LAG * turned**2, np.pi / np.sqrt(3.0))
     lag = pulse_responses(form)[0].sum(axis=0)[:, :2] / _PULSES
     # Where north is lost both tilts lag like the worse one; where it is not, neither matters.

@@ -21,13 +21,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..constants import DPH_RADPS, UG_MPS2
 from .fine_filter import FilterPass
 from .fine_model import ErrorModel
 
 __all__ = ["Observability", "ObservedState", "observe"]
 
-_DPH = np.pi / 180.0 / 3600.0
-_UG = 1e-6 * 9.80665
 _ANY_SD_RAD = np.pi / np.sqrt(3.0)
 """Of an angle of which nothing is known."""
 
@@ -148,7 +147,9 @@ def observe(model: ErrorModel, forward: FilterPass, rot_ned_from_body: np.ndarra
         *(f"gyro bias {way}" for way in ("north", "east", "down")),
         *(f"accelerometer bias {way}" for way in ("north", "east", "down")),
     )
-    units = [(1.0 / np.radians(1.0), "deg")] * 3 + [(1.0 / _DPH, "deg/h")] * 3 + [(1.0 / _UG, "ug")] * 3
+    units = (
+        [(1.0 / np.radians(1.0), "deg")] * 3 + [(1.0 / DPH_RADPS, "deg/h")] * 3 + [(1.0 / UG_MPS2, "ug")] * 3
+    )
     sd = np.sqrt(np.maximum(np.diag(cov), 1e-300))
     correlation = cov / np.outer(sd, sd)
     states = []

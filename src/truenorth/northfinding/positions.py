@@ -26,9 +26,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..attitude.vectors import angle_covariance
+from ..constants import STANDARD_GRAVITY_MPS2
 from ..errors import ConfigError, NoSolutionError
 from ..rotations import exp_so3, heading_pitch_roll, log_so3, rot_ned_from_body
-from ..sensors.imu import STANDARD_GRAVITY_MPS2, ImuDescription
+from ..sensors.imu import ImuDescription
 from ..strapdown import InertialIncrements, compress_increments
 from .budget import DEFLECTION_SD_RAD, deflection_sensitivity, wrapped_covariance
 from .positions_model import (

@@ -37,9 +37,10 @@ from functools import cached_property
 
 import numpy as np
 
+from ..constants import DPH_RADPS, STANDARD_GRAVITY_MPS2, UG_MPS2
 from ..gravity import EARTH_RATE_RADPS
 from ..rotations import exp_so3, log_so3, skew
-from ..sensors.imu import STANDARD_GRAVITY_MPS2, ImuDescription
+from ..sensors.imu import ImuDescription
 from ..sensors.processes import flicker_components
 from .site import Site
 from .solution import BudgetLine
@@ -57,8 +58,6 @@ __all__ = [
     "sway_mps",
 ]
 
-_DPH = np.pi / 180.0 / 3600.0
-_UG = 1e-6 * STANDARD_GRAVITY_MPS2
 
 ANGLE_RANDOM_WALK = "angle random walk"
 QUANTISATION = "gyro quantisation"
@@ -289,10 +288,12 @@ class Geometry:
         """Response of the observations to a misalignment of the axis in the body, shape (m, 3)."""
         table = self.table
         still = np.swapaxes(self.earth, -1, -2) @ self.rot
+        # Along itself an axis cannot be misaligned; that column would be the axis' own motion.
+        across = np.eye(3) - np.outer(table.axis_body, table.axis_body)
         return self._stack(
             np.zeros((len(table.force_edges), 2, 3)),
             np.zeros((len(table.rest), 3, 3)),
-            (still[table.axis[:, 0]] - still[table.axis[:, 1]])[:, :2],
+            (still[table.axis[:, 0]] - still[table.axis[:, 1]])[:, :2] @ across,
             np.zeros((max(len(table.table_edges) - 1, 0), 3)),
         )
 
@@ -366,8 +367,8 @@ def gyro_noise_kernel(edge_s: np.ndarray, errors: ImuDescription) -> np.ndarray:
     t, n = float(edge_s[1] - edge_s[0]), len(edge_s) - 1
     density = np.radians(errors.gyro_random_walk_deg_per_sqrt_h) / 60.0
     total = density**2 * t * np.eye(n)
-    total += (_DPH * errors.gyro_bias_instability_dph * t) ** 2 * _flicker_kernel(edge_s)
-    total += (_DPH * errors.gyro_bias_walk_dph_per_sqrt_h * t) ** 2 / 3600.0 * _walk_kernel(edge_s)
+    total += (DPH_RADPS * errors.gyro_bias_instability_dph * t) ** 2 * _flicker_kernel(edge_s)
+    total += (DPH_RADPS * errors.gyro_bias_walk_dph_per_sqrt_h * t) ** 2 / 3600.0 * _walk_kernel(edge_s)
     return np.asarray(total)
 
 
@@ -410,7 +411,7 @@ def _within_blocks(step_s: float, span: int, errors: ImuDescription, gravity: fl
     straight = np.array([sum(w * at_edge[k + o] for o, w in at_edges) for k in edges])
     constant = np.array([sum(w / span * in_block[k + o] for o, w in of_blocks) for k in edges])
     bent = gravity * step_s * span * (weight @ gained - straight)
-    floor = _UG * errors.accel_bias_instability_ug * step_s * span
+    floor = UG_MPS2 * errors.accel_bias_instability_ug * step_s * span
     uneven = floor * (weight - constant)
     total = bent @ gyro_noise_kernel(edge_s, errors) @ bent.T + uneven @ _flicker_kernel(edge_s) @ uneven.T
     return float(total[0, 0]), float(total[0, 1])
@@ -436,16 +437,18 @@ def _sources(table: TableRecord, errors: ImuDescription, turn_rad: np.ndarray) -
     density = np.radians(errors.gyro_random_walk_deg_per_sqrt_h) / 60.0
     instability = _flicker_kernel(table.edge_s)
     walk = _walk_kernel(table.edge_s) / 3600.0
-    by_force = _DPH / STANDARD_GRAVITY_MPS2 * errors.gyro_g_sensitivity_dph_per_g
+    by_force = DPH_RADPS / STANDARD_GRAVITY_MPS2 * errors.gyro_g_sensitivity_dph_per_g
     velocity = table.velocity_mps
     stated = [
         Source(
-            "gyro bias", f"{errors.gyro_bias_sd_dph:g} deg/h", gyro=_DPH * errors.gyro_bias_sd_dph * t * unit
+            "gyro bias",
+            f"{errors.gyro_bias_sd_dph:g} deg/h",
+            gyro=DPH_RADPS * errors.gyro_bias_sd_dph * t * unit,
         ),
         Source(
             "gyro bias instability",
             f"{errors.gyro_bias_instability_dph:g} deg/h",
-            gyro_kernel=(_DPH * errors.gyro_bias_instability_dph * t) ** 2 * instability,
+            gyro_kernel=(DPH_RADPS * errors.gyro_bias_instability_dph * t) ** 2 * instability,
         ),
         Source(
             ANGLE_RANDOM_WALK,
@@ -455,7 +458,7 @@ def _sources(table: TableRecord, errors: ImuDescription, turn_rad: np.ndarray) -
         Source(
             "rate random walk",
             f"{errors.gyro_bias_walk_dph_per_sqrt_h:g} deg/h/sqrt(h)",
-            gyro_kernel=(_DPH * errors.gyro_bias_walk_dph_per_sqrt_h * t) ** 2 * walk,
+            gyro_kernel=(DPH_RADPS * errors.gyro_bias_walk_dph_per_sqrt_h * t) ** 2 * walk,
         ),
         Source(
             QUANTISATION,
@@ -480,17 +483,17 @@ def _sources(table: TableRecord, errors: ImuDescription, turn_rad: np.ndarray) -
         Source(
             "accelerometer bias",
             f"{errors.accel_bias_sd_ug:g} ug",
-            accel=_UG * errors.accel_bias_sd_ug * t * unit,
+            accel=UG_MPS2 * errors.accel_bias_sd_ug * t * unit,
         ),
         Source(
             "accelerometer bias instability",
             f"{errors.accel_bias_instability_ug:g} ug",
-            accel_kernel=(_UG * errors.accel_bias_instability_ug * t) ** 2 * instability,
+            accel_kernel=(UG_MPS2 * errors.accel_bias_instability_ug * t) ** 2 * instability,
         ),
         Source(
             "accelerometer bias walk",
             f"{errors.accel_bias_walk_ug_per_sqrt_h:g} ug/sqrt(h)",
-            accel_kernel=(_UG * errors.accel_bias_walk_ug_per_sqrt_h * t) ** 2 * walk,
+            accel_kernel=(UG_MPS2 * errors.accel_bias_walk_ug_per_sqrt_h * t) ** 2 * walk,
         ),
         Source(
             "accelerometer scale",
@@ -783,7 +786,7 @@ class Estimate:
 
     def accel_bias(self) -> tuple[np.ndarray, np.ndarray]:
         """Turn-on bias of the accelerometers and its standard deviation, m/s^2, shape (3,)."""
-        model, sd = self.model, _UG * self.errors.accel_bias_sd_ug
+        model, sd = self.model, UG_MPS2 * self.errors.accel_bias_sd_ug
         for source in model.sources:
             if source.name == "accelerometer bias" and source.accel is not None:
                 cross = np.tensordot(model.by_accel, source.accel, 2) * sd

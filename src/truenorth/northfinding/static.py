@@ -38,6 +38,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from ..attitude.vectors import angle_covariance
+from ..constants import DPH_RADPS
 from ..errors import ConfigError, NoSolutionError
 from ..rotations import heading_pitch_roll, log_so3
 from ..strapdown import InertialIncrements
@@ -57,7 +58,6 @@ if TYPE_CHECKING:
 
 __all__ = ["align_static", "direct_matrix", "two_vector_attitude"]
 
-_DPH = np.pi / 180.0 / 3600.0
 
 ROCKING_SIGMAS = 4.0
 """Beyond so many standard deviations averages and inertial frame differ by more than noise."""
@@ -182,7 +182,7 @@ def align_static(
         notes = (
             "The errors of the sensor were not stated: sigma covers only the noise seen in the data; a gyro"
             f" bias of 1 deg/h towards east would turn north by"
-            f" {np.degrees(_DPH / site.horizontal_rate_radps):.2g} deg.",
+            f" {np.degrees(DPH_RADPS / site.horizontal_rate_radps):.2g} deg.",
         )
         if len(edge) < LEAST_BLOCKS:
             notes += ("The record has too few samples to show its noise, so sigma is not known.",)
@@ -276,8 +276,8 @@ def _measured(force: np.ndarray, rate: np.ndarray) -> dict[str, float]:
     turn = float(np.linalg.norm(rate))
     return {
         "gravity_mps2": float(np.linalg.norm(force)),
-        "earth_rate_dph": turn / _DPH,
-        "horizontal_rate_dph": float(np.linalg.norm(np.cross(up, rate))) / _DPH,
+        "earth_rate_dph": turn / DPH_RADPS,
+        "horizontal_rate_dph": float(np.linalg.norm(np.cross(up, rate))) / DPH_RADPS,
         "latitude_deg": float(np.degrees(np.arcsin(np.clip(vertical / turn, -1.0, 1.0)))),
     }
 

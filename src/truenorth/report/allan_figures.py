@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from ..sensors.imu import STANDARD_GRAVITY_MPS2
+from ..constants import DPH_RADPS, UG_MPS2
 
 __all__ = ["allan_figure"]
 
 _AXIS_COLORS = ("#0072B2", "#D55E00", "#009E73")
 
 _UNITS = {
-    "gyro": ("deg/h", np.radians(1.0) / 3600.0),
-    "accelerometer": ("ug", 1e-6 * STANDARD_GRAVITY_MPS2),
+    "gyro": ("deg/h", DPH_RADPS),
+    "accelerometer": ("ug", UG_MPS2),
 }
 
 _SLOPES = {

@@ -43,6 +43,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from ..constants import DPH_RADPS, STANDARD_GRAVITY_MPS2, UG_MPS2
 from ..errors import ConfigError, NoSolutionError
 from ..strapdown import InertialIncrements
 from .allan_fit import (
@@ -58,7 +59,7 @@ from .allan_fit import (
 )
 from .allan_motion import Levelled, find_hump, level_axes
 from .error_file import errors_toml, write_errors
-from .imu import GRADES, STANDARD_GRAVITY_MPS2, ImuDescription
+from .imu import GRADES, ImuDescription
 
 __all__ = ["AllanAxis", "AllanResult", "NoiseTerm", "analyse_allan"]
 
@@ -72,23 +73,21 @@ LEAST_SAMPLES = 256
 MISFIT = 1e-4
 """Probability below which a curve is not the sum of noises that was fitted to it."""
 
-_DPH = np.pi / 180.0 / 3600.0
-_UG = 1e-6 * STANDARD_GRAVITY_MPS2
 
 _UNITS: dict[str, dict[str, tuple[str, str, float]]] = {
     "gyro": {
-        "quantisation": ("arcsec", "arcsec", _DPH),
+        "quantisation": ("arcsec", "arcsec", DPH_RADPS),
         "random_walk": ("deg_per_sqrt_h", "deg/sqrt(h)", np.pi / 180.0 / 60.0),
-        "bias_instability": ("dph", "deg/h", _DPH),
-        "bias_walk": ("dph_per_sqrt_h", "deg/h/sqrt(h)", _DPH / 60.0),
-        "drift": ("dph_per_h", "deg/h/h", _DPH / 3600.0),
+        "bias_instability": ("dph", "deg/h", DPH_RADPS),
+        "bias_walk": ("dph_per_sqrt_h", "deg/h/sqrt(h)", DPH_RADPS / 60.0),
+        "drift": ("dph_per_h", "deg/h/h", DPH_RADPS / 3600.0),
     },
     "accelerometer": {
-        "quantisation": ("ug_s", "ug s", _UG),
+        "quantisation": ("ug_s", "ug s", UG_MPS2),
         "random_walk": ("mps_per_sqrt_h", "m/s/sqrt(h)", 1.0 / 60.0),
-        "bias_instability": ("ug", "ug", _UG),
-        "bias_walk": ("ug_per_sqrt_h", "ug/sqrt(h)", _UG / 60.0),
-        "drift": ("ug_per_h", "ug/h", _UG / 3600.0),
+        "bias_instability": ("ug", "ug", UG_MPS2),
+        "bias_walk": ("ug_per_sqrt_h", "ug/sqrt(h)", UG_MPS2 / 60.0),
+        "drift": ("ug_per_h", "ug/h", UG_MPS2 / 3600.0),
     },
 }
 """End of a name, unit, and what one of it is in SI units."""
@@ -308,7 +307,7 @@ class AllanResult:
         """
         columns = {"tau_s": self.gyro.tau_s}
         for axis in (*self.axes, self.gyro, self.accelerometer):
-            unit, factor = ("dph", _DPH) if axis.kind == "gyro" else ("ug", _UG)
+            unit, factor = ("dph", DPH_RADPS) if axis.kind == "gyro" else ("ug", UG_MPS2)
             name = axis.name.replace(" ", "_")
             low, high = axis.interval()
             columns |= {

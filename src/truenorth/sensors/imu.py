@@ -39,6 +39,7 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
+from ..constants import DPH_RADPS, STANDARD_GRAVITY_MPS2, UG_MPS2
 from ..rotations import rot_ned_from_body
 from ..sensor_log import SensorLog
 from ..strapdown import reference_increments
@@ -65,11 +66,6 @@ __all__ = [
     "simulate_imu",
 ]
 
-STANDARD_GRAVITY_MPS2 = 9.80665
-"""What a ``g`` of the data sheets means."""
-
-_DPH = np.pi / 180.0 / 3600.0
-_UG = 1e-6 * STANDARD_GRAVITY_MPS2
 
 GRADES: dict[str, dict[str, Any]] = {
     "consumer": {
@@ -255,11 +251,11 @@ def draw_calibration(imu: ImuDescription, generator: GeneratorByName) -> ImuCali
         return np.eye(3) + sd * draws
 
     return ImuCalibration(
-        gyro_bias_radps=_DPH * imu.gyro_bias_sd_dph * generator("gyro", "bias").standard_normal(3),
-        accel_bias_mps2=_UG * imu.accel_bias_sd_ug * generator("accel", "bias").standard_normal(3),
+        gyro_bias_radps=DPH_RADPS * imu.gyro_bias_sd_dph * generator("gyro", "bias").standard_normal(3),
+        accel_bias_mps2=UG_MPS2 * imu.accel_bias_sd_ug * generator("accel", "bias").standard_normal(3),
         gyro_matrix=matrix("gyro", imu.gyro_scale_sd_ppm, imu.gyro_misalignment_sd_mrad),
         accel_matrix=matrix("accel", imu.accel_scale_sd_ppm, imu.accel_misalignment_sd_mrad),
-        gyro_g_sensitivity=_DPH
+        gyro_g_sensitivity=DPH_RADPS
         / STANDARD_GRAVITY_MPS2
         * imu.gyro_g_sensitivity_dph_per_g
         * generator("gyro", "g_sensitivity").standard_normal((3, 3)),
@@ -315,14 +311,14 @@ def simulate_imu(
     gyro_bias = drifts(
         "gyro",
         errors.gyro_bias_radps,
-        _DPH * imu.gyro_bias_instability_dph,
-        _DPH * imu.gyro_bias_walk_dph_per_sqrt_h,
+        DPH_RADPS * imu.gyro_bias_instability_dph,
+        DPH_RADPS * imu.gyro_bias_walk_dph_per_sqrt_h,
     )
     accel_bias = drifts(
         "accel",
         errors.accel_bias_mps2,
-        _UG * imu.accel_bias_instability_ug,
-        _UG * imu.accel_bias_walk_ug_per_sqrt_h,
+        UG_MPS2 * imu.accel_bias_instability_ug,
+        UG_MPS2 * imu.accel_bias_walk_ug_per_sqrt_h,
     )
     gyro_density, accel_density = _densities(imu)
     out_angle = angle @ errors.gyro_matrix.T + velocity @ errors.gyro_g_sensitivity.T + gyro_bias * step_s
@@ -415,8 +411,8 @@ def allan_deviation(imu: ImuDescription, tau_s: np.ndarray) -> tuple[np.ndarray,
         The rounding of rates is taken as white, which holds where the noise spans a step.
     """
     step_s = 1.0 / imu.rate_hz
-    floors = (_DPH * imu.gyro_bias_instability_dph, _UG * imu.accel_bias_instability_ug)
-    walks = (_DPH * imu.gyro_bias_walk_dph_per_sqrt_h, _UG * imu.accel_bias_walk_ug_per_sqrt_h)
+    floors = (DPH_RADPS * imu.gyro_bias_instability_dph, UG_MPS2 * imu.accel_bias_instability_ug)
+    walks = (DPH_RADPS * imu.gyro_bias_walk_dph_per_sqrt_h, UG_MPS2 * imu.accel_bias_walk_ug_per_sqrt_h)
     deviations = []
     for density, floor, walk, step in zip(_densities(imu), floors, walks, _steps(imu), strict=True):
         variance = white_variance(tau_s, density) + flicker_variance(tau_s, floor)
@@ -439,7 +435,7 @@ def _densities(imu: ImuDescription) -> tuple[float, float]:
 
 def _steps(imu: ImuDescription) -> tuple[float, float]:
     """One count of a rate, rad/s, and of a specific force, m/s^2."""
-    return float(np.radians(imu.gyro_resolution_dps)), _UG * imu.accel_resolution_ug
+    return float(np.radians(imu.gyro_resolution_dps)), UG_MPS2 * imu.accel_resolution_ug
 
 
 def _count(value: np.ndarray, step: float, carried: bool) -> np.ndarray:

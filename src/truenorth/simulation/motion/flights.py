@@ -9,12 +9,13 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
+from ...constants import STANDARD_GRAVITY_MPS2
 from ...errors import ConfigError
 from .drives import require_positive
 from .kinematics import LocalPlane
 from .laws import PAD_S, Law, SplineLaw, UniformLaw, uniform_spline
 from .paths import SplinePath
-from .routes import STANDARD_GRAVITY_MPS2, RouteTrajectory
+from .routes import RouteTrajectory
 
 __all__ = ["AircraftLeg", "AircraftMotion", "aircraft_trajectory"]
 

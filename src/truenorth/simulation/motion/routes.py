@@ -23,6 +23,7 @@ from typing import Literal
 import msgspec
 import numpy as np
 
+from ...constants import STANDARD_GRAVITY_MPS2
 from ...errors import ConfigError
 from .kinematics import Attitude, LocalPlane, Motion, motion_of
 from .laws import Law
@@ -32,7 +33,6 @@ __all__ = ["BodySection", "Component", "Disturbance", "RouteTrajectory", "Sinuso
 
 Component = Literal["heave", "roll", "pitch", "yaw"]
 
-STANDARD_GRAVITY_MPS2 = 9.80665
 REFERENCE_SPEED_MPS = 50.0 / 3.6
 """Speed at which the unevenness of a road is stated."""
 
