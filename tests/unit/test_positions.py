@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from truenorth.errors import ConfigError, NoSolutionError
+from truenorth.frames import ecef_from_geodetic
 from truenorth.northfinding.positions import (
     align_carousel,
     align_positions,
@@ -20,6 +21,7 @@ from truenorth.sensors.imu import GRADES, ImuDescription, imu_increments_from_lo
 from truenorth.sensors.kinematics import PointOfBody
 from truenorth.simulation.motion import TurntableMotion, build_trajectory
 from truenorth.simulation.motion.sway import Move, SwayMotion
+from truenorth.simulation.motion.table import TableTrajectory
 from truenorth.simulation.randomness import stream
 from truenorth.strapdown import InertialIncrements, reference_increments
 
@@ -280,6 +282,24 @@ def test_a_shaken_platform_is_seen_and_survived():
     assert sd_deg < 1.5
     # 0.05 deg in 40 s is 4.5 deg/h, 20 deg of heading by means of the rates.
     assert abs(heading_off_deg(solution, truth)) < 4.0 * sd_deg
+
+
+def test_a_carousel_on_a_swaying_platform_is_seen_and_survived():
+    time_s = np.arange(-2.0, 182.0, 0.1)
+    swings = np.radians(0.05) * np.sin(2.0 * np.pi * np.outer([1.0 / 2.3, 1.0 / 3.1], time_s))
+    place = np.tile(ecef_from_geodetic(np.radians(40.0), 0.2, 100.0), (len(time_s), 1))
+    spin = np.radians(15.0) * time_s
+    trajectory = TableTrajectory(time_s, place, spin, *swings)
+    log = simulate_imu(FOG, trajectory, start_ns=0, duration_s=180.0, generator=functools.partial(stream, 12))
+    angle, velocity = imu_increments_from_log(FOG, log)
+    increments = InertialIncrements(np.arange(len(angle) + 1) / FOG.rate_hz, angle, velocity)
+    table_rad = np.radians(15.0) * increments.time_s
+    options = {"errors": FOG, "table_angle_rad": table_rad, "encoder_sd_rad": 1e-3, "running": False}
+    solution = align_carousel(increments, site_at(), **options)
+    assert any("moves by more than its stated wobble" in note for note in solution.notes)
+    sd_deg = np.degrees(solution.angle_sd_rad[0])
+    assert sd_deg < 2.0
+    assert abs(heading_off_deg(solution, attitude_at(trajectory, 180.0))) < 4.0 * sd_deg
 
 
 def test_without_stated_errors_the_biases_are_free():
