@@ -617,10 +617,10 @@ def _sensor_pairs(sensor):
 
 def _column_table(sensor):
     width = max([18, *(len(column.name) for column in sensor.columns)])
-    lines = [f"  {'column':<{width}}{'given':>7}{'smallest':>12}{'mean':>12}{'largest':>12}"]
+    lines = [f"  {'column':<{width}}{'given':>7}{'smallest':>14}{'mean':>14}{'largest':>14}"]
     for column in sensor.columns:
         values = [column.smallest, column.mean, column.largest]
-        cells = "".join(f"{'' if value is None else f'{value:.6g}':>12}" for value in values)
+        cells = "".join(f"{'' if value is None else f'{value:.6g}':>14}" for value in values)
         lines.append(f"  {column.name:<{width}}{column.share:>7.0%}{cells}".rstrip())
     return lines
 
