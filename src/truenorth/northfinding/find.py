@@ -141,10 +141,10 @@ def find_north(
     increments = record.increments if isinstance(record, ImuTable) else record
     felt = check_record(increments, site, errors=errors, may_turn=moving, table=table)
     solution = METHODS[method][0](increments, site, errors=errors, running=running, **options)
+    turned = method in ("positions", "carousel")
     if solution.budget is None or errors is None:
-        verdict = _unstated(solution, required_heading_sd_rad)
+        verdict = _unstated(solution, required_heading_sd_rad, turned)
     else:
-        turned = method in ("positions", "carousel")
         verdict = judge(solution.budget, site, solution.duration_s, required_heading_sd_rad, turned=turned)
     told = felt.figures()
     if "horizontal_rate_dph" in solution.measured:
@@ -154,8 +154,8 @@ def find_north(
     return dataclasses.replace(solution, method=method, verdict=verdict, measured=measured)
 
 
-def _unstated(solution: NorthSolution, required_rad: float) -> Verdict:
-    """What a verdict can be where nobody stated the sensor's errors: the bias that would be too much."""
+def _unstated(solution: NorthSolution, required_rad: float, turned: bool) -> Verdict:
+    """What a verdict can be where nobody stated the sensor's errors: what would be too much."""
     noise_rad = float(solution.angle_sd_rad[0])
     horizontal_radps = solution.site.horizontal_rate_radps
     room_rad = np.sqrt(max(required_rad**2 - noise_rad**2, 0.0))
@@ -167,6 +167,13 @@ def _unstated(solution: NorthSolution, required_rad: float) -> Verdict:
             f" asked for; average longer."
         )
         return Verdict(False, text, noise_rad, required_rad)
+    if turned:
+        text = (
+            f"The errors of the sensor are not stated. The turns took its constant gyro bias away, and the"
+            f" noise of the record makes {np.degrees(noise_rad):.2g} deg; how far the bias wanders between the"
+            f" turns, and the scale of the gyros, must be small beside {required}."
+        )
+        return Verdict(None, text, noise_rad, required_rad)
     text = (
         f"The errors of the sensor are not stated. It can do {required} at latitude"
         f" {np.degrees(solution.site.latitude_rad):.2f} if its gyro bias is below {dph:.2g} deg/h (one sigma,"

@@ -32,16 +32,9 @@ from ..rotations import exp_so3, heading_pitch_roll, log_so3, rot_ned_from_body
 from ..sensors.imu import ImuDescription
 from ..strapdown import InertialIncrements, compress_increments
 from .budget import DEFLECTION_SD_RAD, deflection_sensitivity, wrapped_covariance
-from .positions_model import (
-    Estimate,
-    Model,
-    Noise,
-    TableRecord,
-    estimate,
-    gyro_noise_kernel,
-    model_of,
-    sway_mps,
-)
+from .positions_errors import gyro_noise_kernel
+from .positions_model import Estimate, Model, estimate, model_of, sway_mps
+from .positions_record import Noise, TableRecord
 from .site import Site
 from .solution import BudgetLine, ErrorBudget, NorthRun, NorthSolution
 
