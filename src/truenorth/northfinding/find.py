@@ -170,8 +170,8 @@ def _unstated(solution: NorthSolution, required_rad: float, turned: bool) -> Ver
     if turned:
         text = (
             f"The errors of the sensor are not stated. The turns took its constant gyro bias away, and the"
-            f" noise of the record makes {np.degrees(noise_rad):.2g} deg; how far the bias wanders between the"
-            f" turns, and the scale of the gyros, must be small beside {required}."
+            f" noise of the record makes {np.degrees(noise_rad):.2g} deg; how far the bias wanders between"
+            f" the turns, and the scale of the gyros, must be small beside {required}."
         )
         return Verdict(None, text, noise_rad, required_rad)
     text = (
