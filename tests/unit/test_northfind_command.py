@@ -98,6 +98,16 @@ def test_every_method_finds_the_heading_of_a_shaken_body(log, method):
     assert abs(told["heading_deg"] - 211.0) < max(0.3, 4.0 * told["heading_sd_deg"])
 
 
+def test_the_filter_tells_what_could_be_observed(log):
+    wanted = ["--latitude", LATITUDE_DEG, "--errors", "navigation", "--method", "fine"]
+    _, said, _ = _run(log, *wanted)
+    assert "observed    tilt about north is observed" in said
+    assert "gyro bias east is not observed" in said
+    told = {state["state"]: state for state in json.loads(_run(log, *wanted, "--json")[1])["observability"]}
+    assert told["heading"]["sd_after"] < 0.01 * told["heading"]["sd_before"]
+    assert json.loads(_run(log, "--latitude", LATITUDE_DEG, "--json")[1])["observability"] == []
+
+
 def test_without_stated_errors_the_verdict_is_open(log):
     code, said, _ = _run(log, "--latitude", LATITUDE_DEG)
     assert code == 0

@@ -67,7 +67,7 @@ class ObservedState:
     @property
     def sentence(self) -> str:
         """str: What a person is told."""
-        size = f"{self.after:.2g} {self.unit}"
+        size = f"{self.after:.3g} {self.unit}"
         if self.ratio < SEEN:
             told = f"{self.name} is observed: {self.before:.3g} came down to {size}"
         elif self.ratio < HARDLY:

@@ -76,6 +76,10 @@ def north_text(solution):
         label, words = quantity_words(name, value)
         lines.append(f"{first:<11} {label:<34} {words}")
         first = ""
+    first = "observed"
+    for state in _states(solution):
+        lines += _wrap(first, state.sentence)
+        first = ""
     for note in solution.notes:
         lines += _wrap("note", note)
     return "\n".join(lines)
@@ -134,8 +138,25 @@ def north_dict(solution):
             "required_heading_sd_deg": _number(np.degrees(verdict.required_heading_sd_rad)),
         },
         "measured": {name: _number(value) for name, value in solution.measured.items()},
+        "observability": [
+            {
+                "state": state.name,
+                "unit": state.unit,
+                "sd_before": _number(state.before),
+                "sd_after": _number(state.after),
+                "goes_with": state.partner,
+                "correlation": _number(state.correlation),
+            }
+            for state in _states(solution)
+        ],
         "notes": list(solution.notes),
     }
+
+
+def _states(solution):
+    """States of a filter and what the record told of each; none of other methods."""
+    observability = getattr(solution, "observability", None)
+    return () if observability is None else observability.states
 
 
 def north_columns(solution):
