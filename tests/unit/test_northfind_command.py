@@ -140,7 +140,7 @@ def test_a_sensor_that_cannot_ends_with_exit_code_1(log):
         (["--latitude", 46, "--from", 117], 1, "at least 10 s"),
         (["--latitude", 46, "--method", "positions", "--errors", "navigation"], 1, "position"),
         (["--latitude", 46, "--method", "carousel", "--errors", "navigation"], 1, "carousel"),
-        (["--latitude", 46, "--table-angles", "0,half"], 2, "0,180"),
+        (["--latitude", 46, "--table-angles", "0,half"], 2, "with commas"),
         (["--latitude", -46], 1, "latitude"),
     ],
 )

@@ -386,6 +386,44 @@ def _compare_north(
     )
 
 
+@app.command("north-budget")
+@_guarded
+def _north_budget(
+    latitude: Annotated[str, typer.Option(help="Degrees north; several with commas between.")],
+    errors: Annotated[
+        str,
+        typer.Option(
+            help="Errors of the sensor: consumer, industrial, tactical, navigation, or a TOML file."
+        ),
+    ],
+    duration: Annotated[str, typer.Option(help="Seconds of data; several with commas between.")] = "300",
+    method: Annotated[
+        str, typer.Option(help="As for `northfind`, several with commas between.")
+    ] = "velocity-fit,positions",
+    positions: Annotated[int, typer.Option(help="How many, of the method positions.")] = 2,
+    heading: Annotated[float, typer.Option(help="Of the platform, degrees.")] = 0.0,
+    require: Annotated[
+        float, typer.Option("--require-deg", help="Sigma of the azimuth that is asked for.")
+    ] = 1.0,
+    out: Annotated[Path | None, typer.Option(help="Table: .csv or .parquet.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> int:
+    """Predict what an inertial unit will achieve: sigma, error budget and verdict before any recording."""
+    from .north_budget import run_north_budget
+
+    return run_north_budget(
+        errors,
+        latitudes=latitude,
+        durations=duration,
+        methods=method,
+        positions=positions,
+        heading_deg=heading,
+        required_deg=require,
+        out=out,
+        as_json=as_json,
+    )
+
+
 @app.command("rates")
 @_guarded
 def _rates(

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 from ..errors import ConfigError
 from .guard import ExitCode
+from .numbers import parse_numbers, require_positive
 
 if TYPE_CHECKING:
     from ..formats.imu_table import ImuTable
     from ..northfinding import Site
 
-__all__ = ["parse_angles", "run_northfind"]
+__all__ = ["run_northfind"]
 
 
 def run_northfind(
@@ -86,10 +87,7 @@ def run_northfind(
         check_static_path(figure)
     if out is not None:
         check_table_path(out)
-    if not required_deg > 0.0:
-        raise ConfigError(
-            f"`--require-deg {required_deg:g}` cannot be reached; give a positive number", key="require-deg"
-        )
+    require_positive("--require-deg", required_deg)
     stated = None if errors is None else read_errors(errors)
     table = read_imu_table(log, mapping, start_s=start_s, end_s=end_s)
     if stated is None and table.errors:
@@ -97,7 +95,7 @@ def run_northfind(
     place = (latitude_deg, longitude_deg, height_m, latitude_sd_deg)
     options = {}
     if table_angles_deg is not None:
-        options["table_angle_rad"] = np.radians(parse_angles(table_angles_deg))
+        options["table_angle_rad"] = np.radians(parse_numbers("--table-angles", table_angles_deg))
     started = time.perf_counter()
     solution = find_north(
         table,
@@ -167,15 +165,3 @@ def _site(
             f"`--latitude-sd {latitude_sd_deg:g}` is no standard deviation; give 0 or more", key="latitude-sd"
         )
     return Site(latitude, longitude or 0.0, height or 0.0, float(np.radians(latitude_sd_deg)))
-
-
-def parse_angles(text: str) -> list[float]:
-    """Degrees with commas between."""
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise ConfigError(
-            f"`--table-angles {text}` are not numbers; give degrees with commas between, e.g. 0,180",
-            key="table-angles",
-            value=text,
-        ) from None

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..errors import ConfigError
+from .numbers import parse_numbers
 
-__all__ = ["parse_rates", "run_rates"]
+__all__ = ["run_rates"]
 
 
 def run_rates(
@@ -39,7 +39,7 @@ def run_rates(
     from .plan import check_files
     from .progress import working
 
-    wanted = parse_rates(rates)
+    wanted = parse_numbers("--rates", rates)
     check_files(out, figure)
     with working("solving at every rate") as progress:
         study = compare_rates(session, wanted, reference, progress=progress)
@@ -62,15 +62,3 @@ def run_rates(
     print(study)
     for path in written:
         print(f"written     {path}")
-
-
-def parse_rates(text: str) -> list[float]:
-    """Rates in hertz with commas between."""
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise ConfigError(
-            f"`--rates {text}` are not numbers; give hertz with commas between, e.g. 1,10,20",
-            key="rates",
-            value=text,
-        ) from None

@@ -9,6 +9,7 @@ import typer
 
 from ..errors import ConfigError
 from .guard import ExitCode
+from .numbers import parse_numbers, require_positive
 
 if TYPE_CHECKING:
     from ..northfinding.turntable_design import TurntableDesign
@@ -63,7 +64,7 @@ def _solve(
     from .plan import check_files
 
     check_files(out, figure)
-    _check_positive("--require-deg", require_deg)
+    require_positive("--require-deg", require_deg)
     if harmonics < 1:
         raise ConfigError(f"`--harmonics {harmonics}` must be 1 or more", key="harmonics", value=harmonics)
     for option, value in (("--tilt-sd", tilt_sd), ("--lean-sd", lean_sd), ("--mark-sd", mark_sd)):
@@ -167,19 +168,19 @@ def _design(
 
     check_files(out, figure)
     if require_deg is not None:
-        _check_positive("--require-deg", require_deg)
+        require_positive("--require-deg", require_deg)
     density = None
     if noise_density is not None:
-        density = [UG_MPS2 * ug for ug in _numbers("--noise-density", noise_density)]
+        density = [UG_MPS2 * ug for ug in parse_numbers("--noise-density", noise_density)]
     design = design_turntable(
-        np.radians(_numbers("--latitude", latitude)).tolist(),
-        radius_m=_numbers("--radius", radius),
-        table_rate_radps=[rate * np.pi / 30.0 for rate in _numbers("--rpm", rpm)],
-        noise_mps2=_numbers("--noise", noise),
+        np.radians(parse_numbers("--latitude", latitude)).tolist(),
+        radius_m=parse_numbers("--radius", radius),
+        table_rate_radps=[rate * np.pi / 30.0 for rate in parse_numbers("--rpm", rpm)],
+        noise_mps2=parse_numbers("--noise", noise),
         noise_density_mps2_rthz=density,
-        samples_per_revolution=[round(n) for n in _numbers("--samples", samples)],
-        revolutions=[round(n) for n in _numbers("--revolutions", revolutions)],
-        inclination_sd_rad=np.radians(_numbers("--inclination", inclination)).tolist(),
+        samples_per_revolution=[round(n) for n in parse_numbers("--samples", samples)],
+        revolutions=[round(n) for n in parse_numbers("--revolutions", revolutions)],
+        inclination_sd_rad=np.radians(parse_numbers("--inclination", inclination)).tolist(),
         lean_rad=1e-3 * lean,
         speed_known=encoder,
         required_heading_sd_rad=None if require_deg is None else float(np.radians(require_deg)),
@@ -301,25 +302,6 @@ def read_device(path: Path) -> TurntableAccelerometerDescription:
             value=str(path),
         )
     return convert_settings(section, TurntableAccelerometerDescription, prefix="turntable_accelerometer.")
-
-
-def _numbers(option: str, text: str) -> list[float]:
-    """Numbers with commas between."""
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise ConfigError(
-            f"`{option} {text}` are not numbers; give one, or several with commas between",
-            key=option[2:],
-            value=text,
-        ) from None
-
-
-def _check_positive(option: str, value: float) -> None:
-    if not value > 0.0:
-        raise ConfigError(
-            f"`{option} {value:g}` cannot be reached; give a positive number", key=option[2:], value=value
-        )
 
 
 COMMANDS = {"solve": _solve, "design": _design}

@@ -28,6 +28,8 @@ _PUBLIC = {
     "estimate_latitude": "inertial",
     "find_north": "find",
     "find_north_turntable": "turntable",
+    "judge": "budget",
+    "predict_budget": "predict",
     "static_budget": "budget",
 }
 """Public name and the module that holds it; loaded on first use."""

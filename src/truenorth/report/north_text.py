@@ -5,7 +5,16 @@ import textwrap
 
 import numpy as np
 
-__all__ = ["north_columns", "north_dict", "north_text", "quantity_words", "sigma_word"]
+__all__ = [
+    "budget_dict",
+    "budget_text",
+    "north_columns",
+    "north_dict",
+    "north_text",
+    "quantity_words",
+    "sigma_word",
+    "verdict_text",
+]
 
 _ANGLES = ("heading", "pitch", "roll")
 
@@ -67,10 +76,9 @@ def north_text(solution):
         )
     lines.append(f"            at {solution.time_s:g} s of the record")
     if solution.budget is not None:
-        lines += _budget_lines(solution)
+        lines.append(budget_text(solution.budget))
     if solution.verdict is not None:
-        word = {True: "YES", False: "NO", None: "open"}[solution.verdict.able]
-        lines += _wrap("verdict", f"{word}: {solution.verdict.sentence}")
+        lines.append(verdict_text(solution.verdict))
     first = "measured"
     for name, value in solution.measured.items():
         label, words = quantity_words(name, value)
@@ -116,19 +124,7 @@ def north_dict(solution):
             [_number(value) for value in row] for row in np.degrees(np.degrees(solution.cov_ned_rad2))
         ],
         "rot_ned_from_body": [[_number(value) for value in row] for row in solution.rot_ned_from_body],
-        "budget": None
-        if budget is None
-        else {
-            "sources": [
-                {
-                    "source": line.source,
-                    "stated": line.stated,
-                    **_angle_values(budget.angle_sd_rad(line), "_sd_deg"),
-                }
-                for line in budget.lines
-            ],
-            "total": _angle_values(budget.angle_sd_rad(), "_sd_deg"),
-        },
+        "budget": None if budget is None else budget_dict(budget),
         "verdict": None
         if verdict is None
         else {
@@ -231,9 +227,19 @@ def quantity_words(name, value):
     return name.replace("_", " "), f"{value:.6g}"
 
 
-def _budget_lines(solution):
-    """Table of sources, and their sum."""
-    budget = solution.budget
+def budget_text(budget):
+    """Error budget as a table of sources, and their sum.
+
+    Parameters
+    ----------
+    budget : truenorth.northfinding.ErrorBudget
+        The budget.
+
+    Returns
+    -------
+    str
+        A line for each source.
+    """
     total = np.degrees(budget.angle_sd_rad())
     rows = [(line, np.degrees(budget.angle_sd_rad(line))) for line in budget.lines]
     names = [f"{line.source}, {line.stated}" if line.stated else line.source for line, _ in rows]
@@ -242,11 +248,56 @@ def _budget_lines(solution):
     def row(label, words):
         return f"{label:<{width + 2}}" + "".join(f"{word:>10}" for word in words)
 
-    return [
-        row("error budget, sigma in deg", _ANGLES),
-        *(row(f"  {name}", map(_budget_word, sd)) for name, (_, sd) in zip(names, rows, strict=True)),
-        row("  total", map(_budget_word, total)),
-    ]
+    return "\n".join(
+        [
+            row("error budget, sigma in deg", _ANGLES),
+            *(row(f"  {name}", map(_budget_word, sd)) for name, (_, sd) in zip(names, rows, strict=True)),
+            row("  total", map(_budget_word, total)),
+        ]
+    )
+
+
+def budget_dict(budget):
+    """Error budget as plain values for JSON.
+
+    Parameters
+    ----------
+    budget : truenorth.northfinding.ErrorBudget
+        The budget.
+
+    Returns
+    -------
+    dict
+        ``sources``, a list, and ``total``.
+    """
+    return {
+        "sources": [
+            {
+                "source": line.source,
+                "stated": line.stated,
+                **_angle_values(budget.angle_sd_rad(line), "_sd_deg"),
+            }
+            for line in budget.lines
+        ],
+        "total": _angle_values(budget.angle_sd_rad(), "_sd_deg"),
+    }
+
+
+def verdict_text(verdict):
+    """Verdict in words.
+
+    Parameters
+    ----------
+    verdict : truenorth.northfinding.Verdict
+        The verdict.
+
+    Returns
+    -------
+    str
+        Some lines.
+    """
+    word = {True: "YES", False: "NO", None: "open"}[verdict.able]
+    return "\n".join(_wrap("verdict", f"{word}: {verdict.sentence}"))
 
 
 def _budget_word(value):
