@@ -48,7 +48,7 @@ def run_compare_north(
     with working("finding north in every way") as progress:
         if any(name in TECHNIQUES and TECHNIQUES[name].is_external for name in wanted):
             _compile_engines()
-        comparison = compare_north(methods=names, progress=progress, **changes)  # type: ignore[arg-type]
+        comparison = compare_north(methods=names, progress=progress, **changes)
     written = []
     if out is not None:
         from ..export.planning import write_table
