@@ -108,6 +108,14 @@ def test_the_filter_tells_what_could_be_observed(log):
     assert json.loads(_run(log, "--latitude", LATITUDE_DEG, "--json")[1])["observability"] == []
 
 
+def test_a_wrong_latitude_is_told(log):
+    code, said, _ = _run(log, "--latitude", 30)
+    assert code == 0
+    assert "as at latitude 46." in said
+    assert "feel the Earth turn as at" not in _run(log, "--latitude", LATITUDE_DEG)[1]
+    assert "feel the Earth turn as at" not in _run(log, "--latitude", LATITUDE_DEG, "--errors", "tactical")[1]
+
+
 def test_without_stated_errors_the_verdict_is_open(log):
     code, said, _ = _run(log, "--latitude", LATITUDE_DEG)
     assert code == 0

@@ -96,10 +96,11 @@ def run_northfind(
     options = {}
     if table_angles_deg is not None:
         options["table_angle_rad"] = np.radians(parse_numbers("--table-angles", table_angles_deg))
+    site = _site(table, position, *place)
     started = time.perf_counter()
     solution = find_north(
         table,
-        _site(table, position, *place),
+        site,
         method=method or DEFAULT_METHOD,
         errors=stated,
         required_heading_sd_rad=float(np.radians(required_deg)),
@@ -120,7 +121,7 @@ def run_northfind(
     else:
         rate_hz = 1.0 / table.interval_s
         print(f"record      {log}: {table.n_samples} samples, {table.duration_s:g} s at {rate_hz:g} Hz")
-        for note in table.notes:
+        for note in (*table.notes, *_contradictions(table, site)):
             print(f"            {note}")
         print(north_text(solution))
         print(f"time        {seconds:.2f} s")
@@ -128,6 +129,16 @@ def run_northfind(
             print(f"written     {path}")
     verdict = solution.verdict
     return ExitCode.NO_SOLUTION if verdict is not None and verdict.able is False else ExitCode.GOOD
+
+
+def _contradictions(table: ImuTable, site: Site) -> list[str]:
+    """A sentence where the log says another place than the one that was taken."""
+    import math
+
+    if table.latitude_rad is None or abs(table.latitude_rad - site.latitude_rad) < math.radians(0.1):
+        return []
+    said, taken = (math.degrees(angle) for angle in (table.latitude_rad, site.latitude_rad))
+    return [f"The log says latitude {said:.3f}; {taken:.3f} was given and is taken."]
 
 
 def _site(

@@ -8,10 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from ..constants import DPH_RADPS
 from ..errors import ConfigError
 from ..formats.imu_table import ImuTable
+from ..gravity import EARTH_RATE_RADPS
 from ..sensors.imu import ImuDescription
 from ..strapdown import InertialIncrements
+from .checks import RecordFigures, check_record
 from .site import Site
 from .solution import NorthSolution, Verdict
 
@@ -58,6 +61,9 @@ def _carousel(increments: InertialIncrements, site: Site, **options: Any) -> Nor
 
 
 DEFAULT_METHOD = "velocity-fit"
+
+FELT_SHARE = 0.02
+"""Of the Earth rate: a horizontal rate that is farther off is worth a sentence."""
 
 METHODS: dict[str, tuple[Callable[..., NorthSolution], str]] = {
     "velocity-fit": (
@@ -127,7 +133,6 @@ def find_north(
         short; or if the method finds nothing in it.
     """
     from .budget import judge
-    from .checks import check_record
 
     if method not in METHODS:
         raise ConfigError(f"`{method}` is no method; choose {', '.join(METHODS)}", key="method", value=method)
@@ -151,7 +156,26 @@ def find_north(
         # The method has its own figures of the Earth's turn; one of each is enough.
         told = {name: value for name, value in told.items() if "rate" not in name and "latitude" not in name}
     measured = {**told, **solution.measured}
-    return dataclasses.replace(solution, method=method, verdict=verdict, measured=measured)
+    notes = (*_latitude_notes(felt, site, errors), *solution.notes)
+    return dataclasses.replace(solution, method=method, verdict=verdict, measured=measured, notes=notes)
+
+
+def _latitude_notes(felt: RecordFigures, site: Site, errors: ImuDescription | None) -> tuple[str, ...]:
+    """A sentence where the Earth is felt to turn as at another latitude than the one given."""
+    if felt.latitude_rad is None:
+        return ()
+    off_radps = felt.horizontal_rate_radps - site.horizontal_rate_radps
+    chance_radps = 5.0 * felt.horizontal_rate_sd_radps
+    if errors is not None:
+        biases = np.hypot(errors.gyro_bias_sd_dph, errors.gyro_g_sensitivity_dph_per_g)
+        chance_radps = np.hypot(chance_radps, 3.0 * biases * DPH_RADPS)
+    if abs(off_radps) < max(chance_radps, FELT_SHARE * EARTH_RATE_RADPS):
+        return ()
+    return (
+        f"The gyros feel the Earth turn as at latitude {np.degrees(felt.latitude_rad):.1f}, and"
+        f" {np.degrees(site.latitude_rad):.1f} was given: either that is wrong, or they have a bias of"
+        f" {abs(off_radps) / DPH_RADPS:.2g} deg/h towards north, and then probably as much towards east.",
+    )
 
 
 def _unstated(solution: NorthSolution, required_rad: float, turned: bool) -> Verdict:
