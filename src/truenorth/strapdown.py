@@ -42,6 +42,7 @@ from .rotations import exp_so3, log_so3
 __all__ = [
     "InertialIncrements",
     "InertialStates",
+    "accumulate_turns",
     "compensate_increments",
     "compress_increments",
     "integrate_increments",
@@ -81,6 +82,16 @@ class InertialIncrements:
     angle_rad: np.ndarray
     velocity_mps: np.ndarray
     position_m: np.ndarray | None = None
+
+    def part(self, first: int, last: int | None = None) -> InertialIncrements:
+        """Intervals ``first`` to ``last - 1``, or to the end, with their times."""
+        last = len(self.angle_rad) if last is None else last
+        return InertialIncrements(
+            self.time_s[first : last + 1],
+            self.angle_rad[first:last],
+            self.velocity_mps[first:last],
+            None if self.position_m is None else self.position_m[first:last],
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -195,6 +206,28 @@ def reference_increments(trajectory: _Mover, time_s: np.ndarray) -> InertialIncr
         velocity_mps=np.einsum("nji,nj->ni", start, force),
         position_m=np.einsum("nji,nj->ni", start, force2),
     )
+
+
+def accumulate_turns(angle_rad: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
+    """Attitude at the edges of intervals, in the axes in which it is known at the first.
+
+    Parameters
+    ----------
+    angle_rad : ndarray, shape (n, 3)
+        Rotation vector of each interval, in the axes at its start.
+    start : ndarray, shape (3, 3), optional
+        Attitude at the first edge; by default its own axes are kept.
+
+    Returns
+    -------
+    ndarray, shape (n + 1, 3, 3)
+    """
+    steps = exp_so3(angle_rad)
+    rot = np.empty((len(steps) + 1, 3, 3))
+    rot[0] = np.eye(3) if start is None else start
+    for k, step in enumerate(steps):
+        rot[k + 1] = rot[k] @ step
+    return rot
 
 
 def compensate_increments(angle_rad: np.ndarray, velocity_mps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

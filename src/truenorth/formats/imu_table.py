@@ -143,12 +143,9 @@ class ImuTable:
         last = len(edges) - 1 if end_s is None else int(np.searchsorted(edges, end_s + slack)) - 1
         if last <= first:
             _refuse_empty(_Part(start_s, end_s), edges[0], edges[-1], self.source)
-        inside = self.increments
         return replace(
             self,
-            increments=InertialIncrements(
-                inside.time_s[first : last + 1], inside.angle_rad[first:last], inside.velocity_mps[first:last]
-            ),
+            increments=self.increments.part(first, last),
             sensor_angle_rad=self.sensor_angle_rad[first:last],
             sensor_velocity_mps=self.sensor_velocity_mps[first:last],
         )

@@ -198,7 +198,7 @@ def _axis_sources(
         return np.full(time.shape, value)
 
     walk, vrw = errors.gyro_random_walk_deg_per_sqrt_h, errors.accel_random_walk_mps_per_sqrt_h
-    gyro_density, accel_density = np.radians(walk) / 60.0, vrw / 60.0
+    gyro_density, accel_density = errors.gyro_density_rad_per_sqrt_s, errors.accel_density_mps_per_sqrt_s
     bias = errors.gyro_bias_sd_dph
     yield _Source("gyro bias", f"{bias:g} deg/h", True, constant((DPH_RADPS * bias) ** 2))
     floor = errors.gyro_bias_instability_dph
@@ -246,17 +246,11 @@ def _axis_sources(
 
 def _flicker_mean(time_s: np.ndarray, floor: float) -> np.ndarray:
     """Variance of the mean of flicker noise over times."""
-    from ..sensors.processes import flicker_components
+    from ..sensors.processes import flicker_components, gauss_markov_mean_covariance
 
     sd, time_constants = flicker_components(floor)
     ratio = np.asarray(time_s)[..., None] / time_constants
-    # x - 1 + exp(-x) cancels below 1e-3, where its series has long converged.
-    shape = np.where(
-        ratio < 1e-3,
-        0.5 - ratio / 6.0,
-        (ratio + np.expm1(-ratio)) / np.maximum(ratio, 1e-3) ** 2,
-    )
-    return np.asarray(2.0 * sd**2 * shape.sum(-1))
+    return np.asarray(sd**2 * gauss_markov_mean_covariance(0, ratio).sum(-1))
 
 
 def _counted(

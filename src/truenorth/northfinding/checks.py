@@ -36,7 +36,7 @@ from ..formats.imu_table import ImuTable
 from ..gravity import EARTH_RATE_RADPS
 from ..rotations import exp_so3
 from ..sensors.imu import ImuDescription
-from ..strapdown import InertialIncrements, compress_increments
+from ..strapdown import InertialIncrements, accumulate_turns, compress_increments
 from .site import Site
 
 __all__ = ["RecordFigures", "check_record"]
@@ -195,7 +195,7 @@ def check_record(
     gravity = float(np.median(strength))
     _refuse_wrong_force(strength, site, interval_s, errors)
 
-    turn = _turns(blocks)
+    turn = accumulate_turns(blocks.angle_rad)
     mean_rate_radps = float(np.mean(np.linalg.norm(angle, axis=1))) / interval_s
     sd_radps = _stated_rate_sd(errors, duration_s, mean_rate_radps)
     excess_radps = EARTH_RATE_RADPS
@@ -439,16 +439,6 @@ def _velocity_of_errors(gravity: float, rate_radps: float, duration_s: float, ma
     return circle + (0.03 * gravity * rate_radps * length_s**2 if may_turn else 0.0)
 
 
-def _turns(blocks: InertialIncrements) -> np.ndarray:
-    """Attitude at the start of each block and at the end, in the body's first axes, shape (n + 1, 3, 3)."""
-    steps = exp_so3(blocks.angle_rad)
-    turn = np.empty((len(steps) + 1, 3, 3))
-    turn[0] = np.eye(3)
-    for k, step in enumerate(steps):
-        turn[k + 1] = turn[k] @ step
-    return turn
-
-
 def _stated_rate_sd(errors: ImuDescription | None, duration_s: float, mean_rate_radps: float) -> float | None:
     """One sigma of the mean rate along one axis by the stated errors; None where none are stated."""
     if errors is None:
@@ -458,7 +448,7 @@ def _stated_rate_sd(errors: ImuDescription | None, duration_s: float, mean_rate_
         errors.gyro_bias_instability_dph * DPH_RADPS,
         errors.gyro_bias_walk_dph_per_sqrt_h * DPH_RADPS * np.sqrt(duration_s / 3600.0),
         errors.gyro_g_sensitivity_dph_per_g * DPH_RADPS,
-        errors.gyro_random_walk_deg_per_sqrt_h * np.pi / 180.0 / 60.0 / np.sqrt(duration_s),
+        errors.gyro_density_rad_per_sqrt_s / np.sqrt(duration_s),
         errors.gyro_scale_sd_ppm * 1e-6 * mean_rate_radps,
         errors.gyro_misalignment_sd_mrad * 1e-3 * mean_rate_radps,
     )

@@ -35,10 +35,9 @@ from typing import Literal
 
 import numpy as np
 
-from ..attitude.vectors import angle_covariance
 from ..constants import DPH_RADPS, UG_MPS2
 from ..errors import ConfigError, NoSolutionError
-from ..rotations import exp_so3, heading_pitch_roll
+from ..rotations import exp_so3
 from ..sensors.imu import ImuDescription
 from ..strapdown import InertialIncrements, compress_increments
 from .budget import DEFLECTION_SD_RAD, deflection_sensitivity, heading_sd_on_circle, wrapped_covariance
@@ -220,7 +219,7 @@ def align_fine(
             f"fine alignment got {len(increments.angle_rad) * step_s:.1f} s of data; give at least"
             f" {FEWEST_INTERVALS * samples * step_s:.0f} s"
         )
-    record = _ending(increments, number * samples)
+    record = increments.part(len(increments.angle_rad) - number * samples)
     blocks = compress_increments(record, samples)
     action = _actions(record, errors, samples, updates)
     index, rot = _coarse(blocks, site, action) if start is None else _given(blocks, start)
@@ -249,17 +248,6 @@ def align_fine(
         smooth=smooth,
         displacement_sd_m=displacement_sd_m,
         deflection_sd_rad=deflection_sd_rad,
-    )
-
-
-def _ending(increments: InertialIncrements, used: int) -> InertialIncrements:
-    """The last so many intervals."""
-    skip = len(increments.angle_rad) - used
-    return InertialIncrements(
-        increments.time_s[skip:],
-        increments.angle_rad[skip:],
-        increments.velocity_mps[skip:],
-        None if increments.position_m is None else increments.position_m[skip:],
     )
 
 
@@ -297,12 +285,7 @@ def _coarse(blocks: InertialIncrements, site: Site, action: np.ndarray) -> tuple
             f"the longest halt lasts {blocks.time_s[end] - blocks.time_s[begin]:.1f} s; let the platform rest"
         )
     assert blocks.position_m is not None  # compressed increments have it
-    halt = InertialIncrements(
-        blocks.time_s[begin : end + 1],
-        blocks.angle_rad[begin:end],
-        blocks.velocity_mps[begin:end],
-        blocks.position_m[begin:end],
-    )
+    halt = blocks.part(begin, end)
     interval_s = float(blocks.time_s[1] - blocks.time_s[0])
     return end, align_inertial(halt, site, running=False, interval_s=interval_s).rot_ned_from_body
 
@@ -489,11 +472,10 @@ def _mean_nis(forward: FilterPass) -> float:
 
 def _run(time_s: np.ndarray, rots: np.ndarray, covs: np.ndarray) -> NorthRun:
     """The estimate as it grew; nothing while the heading is hardly known."""
-    angles = np.stack(heading_pitch_roll(rots), axis=1)
-    sd = np.sqrt(np.diagonal(angle_covariance(rots, covs), axis1=1, axis2=2))
-    angles[sd[:, 0] > UNKNOWN_RAD] = np.nan
-    sd[:, 0] = heading_sd_on_circle(sd[:, 0])
-    return NorthRun(time_s, angles, sd)
+    run = NorthRun.of_attitudes(time_s, rots, covs)
+    run.angles_rad[run.sd_rad[:, 0] > UNKNOWN_RAD] = np.nan
+    run.sd_rad[:, 0] = heading_sd_on_circle(run.sd_rad[:, 0])
+    return run
 
 
 def _budget(

@@ -466,7 +466,8 @@ def _sources(model: ErrorModel) -> list[Source]:
     by_force = (DPH_RADPS * sensitive * model.site.gravity_mps2 / STANDARD_GRAVITY_MPS2) ** 2
     add("gyro g-sensitivity", f"{sensitive:g} deg/h/g", {"gyro bias": by_force})
     arw, vrw = errors.gyro_random_walk_deg_per_sqrt_h, errors.accel_random_walk_mps_per_sqrt_h
-    arw_density2, vrw_density2 = (np.radians(arw) / 60.0) ** 2, (vrw / 60.0) ** 2
+    arw_density2 = errors.gyro_density_rad_per_sqrt_s**2
+    vrw_density2 = errors.accel_density_mps_per_sqrt_s**2
     add("angle random walk", f"{arw:g} deg/sqrt(h)", {}, None, _gyro_noise(model, arw_density2))
     add("velocity random walk", f"{vrw:g} m/s/sqrt(h)", {}, None, _accel_noise(model, vrw_density2))
     gyro_step = float(np.radians(errors.gyro_resolution_dps))

@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..attitude.vectors import angle_covariance
 from ..constants import DPH_RADPS, UG_MPS2
 from ..errors import ConfigError, NoSolutionError
 from ..gravity import EARTH_RATE_RADPS
-from ..rotations import exp_so3, heading_pitch_roll
+from ..rotations import exp_so3
 from ..strapdown import InertialIncrements, compress_increments
 from .budget import wrapped_covariance
 from .inertial_errors import noise_covariances, stated_budget
@@ -138,9 +137,7 @@ def align_inertial(
     cov = wrapped_covariance(rot, cov)
     run = None
     if running:
-        angles = angle_covariance(attitude, cov)
-        sd = np.sqrt(np.maximum(np.diagonal(angles, axis1=1, axis2=2), 0.0))
-        run = NorthRun(blocks.time_s[counts], np.stack(heading_pitch_roll(attitude), axis=-1), sd)
+        run = NorthRun.of_attitudes(blocks.time_s[counts], attitude, cov)
     return NorthSolution(
         method=form,
         site=site,
@@ -178,14 +175,7 @@ def _blocks(increments: InertialIncrements, interval_s: float) -> InertialIncrem
         raise NoSolutionError(
             "inertial alignment: the accelerometers say zero throughout; check columns and units"
         )
-    skip = available - number * samples
-    ending = InertialIncrements(
-        increments.time_s[skip:],
-        increments.angle_rad[skip:],
-        increments.velocity_mps[skip:],
-        None if increments.position_m is None else increments.position_m[skip:],
-    )
-    return compress_increments(ending, samples)
+    return compress_increments(increments.part(available - number * samples), samples)
 
 
 def _plain_problem(felt: InertialPath, site: Site) -> tuple[AlignmentProblem, np.ndarray]:
@@ -226,8 +216,7 @@ def _without_bend(left: np.ndarray, factors: np.ndarray) -> np.ndarray:
 
 def _stated_walks(errors: ImuDescription) -> tuple[float, float]:
     """White noise of gyros, rad/sqrt(s), and accelerometers, (m/s)/sqrt(s), with the rounding of rates."""
-    gyro = np.radians(errors.gyro_random_walk_deg_per_sqrt_h) / 60.0
-    accelerometer = errors.accel_random_walk_mps_per_sqrt_h / 60.0
+    gyro, accelerometer = errors.gyro_density_rad_per_sqrt_s, errors.accel_density_mps_per_sqrt_s
     if errors.output == "rates":
         rounding = 1.0 / np.sqrt(12.0 * errors.rate_hz)
         gyro = np.hypot(gyro, np.radians(errors.gyro_resolution_dps) * rounding)

@@ -60,7 +60,7 @@ import numpy as np
 
 from ..gravity import EARTH_RATE_RADPS
 from ..rotations import exp_so3
-from ..strapdown import InertialIncrements
+from ..strapdown import InertialIncrements, accumulate_turns
 from .inertial_noise import VelocityNoise, walk_covariance, whiten
 from .site import Site
 
@@ -140,11 +140,7 @@ def felt_path(blocks: InertialIncrements) -> tuple[InertialPath, np.ndarray]:
     rot_b0_from_b : ndarray, shape (n + 1, 3, 3)
         Attitude of the body against b0 at the edges.
     """
-    turn = exp_so3(blocks.angle_rad)
-    rot = np.empty((len(turn) + 1, 3, 3))
-    rot[0] = np.eye(3)
-    for k in range(len(turn)):
-        rot[k + 1] = rot[k] @ turn[k]
+    rot = accumulate_turns(blocks.angle_rad)
     assert blocks.position_m is not None  # compressed increments always have it
     time_s = blocks.time_s - blocks.time_s[0]
     gained = np.einsum("nij,nj->ni", rot[:-1], blocks.velocity_mps)

@@ -35,6 +35,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..sensors.processes import gauss_markov_mean_covariance
+
 __all__ = [
     "VelocityNoise",
     "bump_factors",
@@ -316,11 +318,7 @@ def estimate_noise(
 
 
 def drift_covariances(response: np.ndarray, ratio: np.ndarray) -> np.ndarray:
-    r"""Covariance that slow drifts leave: Gauss-Markov processes of unit variance.
-
-    The means of such a process over two of k equal parts of a record, m parts from one another, have with
-    :math:`x = T / (k\tau)` the covariance :math:`2 (x - 1 + e^{-x}) / x^2` for m = 0, else
-    :math:`e^{-(m-1)x} (1 - e^{-x})^2 / x^2`.
+    """Covariance that slow drifts leave: Gauss-Markov processes of unit variance.
 
     Parameters
     ----------
@@ -334,13 +332,8 @@ def drift_covariances(response: np.ndarray, ratio: np.ndarray) -> np.ndarray:
     ndarray, shape (m, 3, 3)
     """
     parts = len(response)
-    x = np.asarray(ratio, dtype=float)[:, None, None] / parts
     lag = np.abs(np.subtract.outer(np.arange(parts), np.arange(parts)))
-    # Below 1e-4 the differences cancel, and one is right to as much.
-    wide = np.maximum(x, 1e-4)
-    apart = np.exp(-np.maximum(lag - 1, 0) * wide) * (np.expm1(-wide) / wide) ** 2
-    same = 2.0 * (wide + np.expm1(-wide)) / wide**2
-    correlation = np.where(x > 1e-4, np.where(lag == 0, same, apart), np.exp(-lag * x))
+    correlation = gauss_markov_mean_covariance(lag, np.asarray(ratio)[:, None, None] / parts)
     return np.einsum("iap,mij,jaq->mpq", response, correlation, response, optimize=True)
 
 

@@ -25,18 +25,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..attitude.vectors import angle_covariance
 from ..constants import STANDARD_GRAVITY_MPS2
 from ..errors import ConfigError, NoSolutionError
 from ..rotations import exp_so3, heading_pitch_roll, log_so3, rot_ned_from_body
 from ..sensors.imu import ImuDescription
-from ..strapdown import InertialIncrements, compress_increments
+from ..strapdown import InertialIncrements, accumulate_turns, compress_increments
 from .budget import DEFLECTION_SD_RAD, deflection_sensitivity, wrapped_covariance
 from .positions_errors import gyro_noise_kernel
 from .positions_model import Estimate, Model, estimate, model_of, sway_mps
 from .positions_record import Noise, TableRecord
 from .site import Site
-from .solution import BudgetLine, ErrorBudget, NorthRun, NorthSolution
+from .solution import BudgetLine, ErrorBudget, NorthRun, NorthSolution, angle_deviations
 
 __all__ = ["align_carousel", "align_positions", "find_halts", "positions_budget", "turning_plan"]
 
@@ -567,10 +566,7 @@ def _run(increments: InertialIncrements, found: Estimate, site: Site, widened: f
     seconds = _blocks(increments, min(1.0, geometry.table.step_s))
     time_s = seconds.time_s - seconds.time_s[0]
     time_s = time_s[time_s <= edge_s[-1] + 1e-6]
-    rot = np.empty((len(time_s), 3, 3))
-    rot[0] = np.eye(3)
-    for k, turn in enumerate(exp_so3(seconds.angle_rad[: len(time_s) - 1])):
-        rot[k + 1] = rot[k] @ turn
+    rot = accumulate_turns(seconds.angle_rad[: len(time_s) - 1])
     last = np.clip(np.searchsorted(edge_s, time_s + 1e-6, side="right") - 1, 0, None)
     at_last = np.searchsorted(time_s, edge_s[last] - 1e-6)
     since = (time_s - edge_s[last])[:, None]
@@ -581,7 +577,7 @@ def _run(increments: InertialIncrements, found: Estimate, site: Site, widened: f
     for at in np.flatnonzero(np.isfinite(now).all(axis=(1, 2))):
         angles[at] = np.array(heading_pitch_roll(now[at]))
         cov = wrapped_covariance(now[at], cov_at_edge[last[at]])
-        sd[at] = np.sqrt(np.maximum(np.diag(angle_covariance(now[at][None], cov[None])[0]), 0.0))
+        sd[at] = angle_deviations(now[at], cov)
     return NorthRun(time_s, angles, sd)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..constants import DPH_RADPS, STANDARD_GRAVITY_MPS2, UG_MPS2
 from ..sensors.imu import ImuDescription
-from ..sensors.processes import flicker_components
+from ..sensors.processes import flicker_components, gauss_markov_mean_covariance
 from .positions_record import TableRecord, triangle_weights
 
 __all__ = [
@@ -72,10 +72,7 @@ def flicker_kernel(edge_s: np.ndarray) -> np.ndarray:
     sd, constants = flicker_components(1.0)
     total = np.zeros(lag.shape)
     for constant in constants:
-        x = step / constant
-        # 1 - (1 - exp(-x)) / x cancels below 1e-3, where its series has long converged.
-        same = 2.0 / x * (1.0 + np.expm1(-x) / x) if x > 1e-3 else 1.0 - x / 3.0
-        total += sd**2 * np.where(lag == 0, same, (np.expm1(-x) / x) ** 2 * np.exp(-(lag - 1.0) * x))
+        total += sd**2 * gauss_markov_mean_covariance(lag, step / constant)
     return total
 
 
@@ -88,7 +85,7 @@ def _walk_kernel(edge_s: np.ndarray) -> np.ndarray:
 def gyro_noise_kernel(edge_s: np.ndarray, errors: ImuDescription) -> np.ndarray:
     """Covariance of what changes from block to block in a gyro, shape (n, n), rad^2."""
     t, n = float(edge_s[1] - edge_s[0]), len(edge_s) - 1
-    density = np.radians(errors.gyro_random_walk_deg_per_sqrt_h) / 60.0
+    density = errors.gyro_density_rad_per_sqrt_s
     total = density**2 * t * np.eye(n)
     total += (DPH_RADPS * errors.gyro_bias_instability_dph * t) ** 2 * flicker_kernel(edge_s)
     total += (DPH_RADPS * errors.gyro_bias_walk_dph_per_sqrt_h * t) ** 2 / 3600.0 * _walk_kernel(edge_s)
@@ -139,7 +136,7 @@ def stated_sources(table: TableRecord, errors: ImuDescription, turn_rad: np.ndar
     cross = [(i, j) for i, j in pairs if i != j]
     # Steps of a rate are lost one by one; those of increments are carried and never add up.
     rounding = np.radians(errors.gyro_resolution_dps) if errors.output == "rates" else 0.0
-    density = np.radians(errors.gyro_random_walk_deg_per_sqrt_h) / 60.0
+    density = errors.gyro_density_rad_per_sqrt_s
     instability = flicker_kernel(table.edge_s)
     walk = _walk_kernel(table.edge_s) / 3600.0
     by_force = DPH_RADPS / STANDARD_GRAVITY_MPS2 * errors.gyro_g_sensitivity_dph_per_g

@@ -403,7 +403,7 @@ def model_of(
         Source("lever arm", f"{lever:g} m", rows=lever * geometry.lever_columns()),
     ]
     sources += [source for source in extra if source.is_there]
-    density = np.hypot(errors.accel_random_walk_mps_per_sqrt_h / 60.0, 1e-7)
+    density = np.hypot(errors.accel_density_mps_per_sqrt_s, 1e-7)
     silent = Noise(rest_rad=0.0)
     walk = f"{errors.accel_random_walk_mps_per_sqrt_h:g} m/s/sqrt(h)"
     white = [("velocity random walk", walk, geometry.white_rows(silent, float(density)))]
@@ -548,12 +548,12 @@ def sway_mps(table: TableRecord, site: Site, errors: ImuDescription) -> float:
     # The median of the squares of a normal variable of variance one is 0.455.
     variance = float(np.median(bend**2)) / 0.455
     # Variances of second differences of what has a variance and a covariance from one to the next.
-    density = errors.accel_random_walk_mps_per_sqrt_h / 60.0
+    density = errors.accel_density_mps_per_sqrt_s
     noise = density**2 * table.step_s * span * (6.0 * 2.0 / 3.0 - 8.0 / 6.0)
     within = within_blocks(table.step_s, span, errors, site.gravity_mps2)
     noise += 6.0 * within[0] - 8.0 * within[1]
     # The angle random walk between edges: second differences of what walks.
-    walk = np.radians(errors.gyro_random_walk_deg_per_sqrt_h) / 60.0
+    walk = errors.gyro_density_rad_per_sqrt_s
     noise += 2.0 * (walk * site.gravity_mps2 * table.step_s * span) ** 2 * table.step_s * span
     # A median of some hundred squares scatters by a tenth or two.
     return float(np.sqrt((variance - noise) / 20.0)) if variance > 1.6 * noise else 0.0

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..rotations import exp_so3, log_so3, skew
+from ..strapdown import accumulate_turns
 
 __all__ = ["Geometry", "Noise", "TableRecord", "triangle_weights"]
 
@@ -97,12 +98,7 @@ class Geometry:
         gyro_rad: np.ndarray,
     ) -> None:
         turn = table.turn_rad - gyro_rad
-        n = len(turn)
-        steps = exp_so3(turn)
-        rot = np.empty((n + 1, 3, 3))
-        rot[0] = start
-        for k in range(n):
-            rot[k + 1] = rot[k] @ steps[k]
+        rot = accumulate_turns(turn, start)
         self.table, self.gravity = table, gravity
         self.rot = rot
         half = exp_so3(0.5 * turn)

@@ -19,7 +19,26 @@ from ..attitude.vectors import angle_covariance
 from ..rotations import heading_pitch_roll
 from .site import Site
 
-__all__ = ["BudgetLine", "ErrorBudget", "NorthRun", "NorthSolution", "Verdict"]
+__all__ = ["BudgetLine", "ErrorBudget", "NorthRun", "NorthSolution", "Verdict", "angle_deviations"]
+
+
+def angle_deviations(rot_ned_from_body: np.ndarray, cov_ned_rad2: np.ndarray) -> np.ndarray:
+    """Standard deviations of heading, pitch and roll.
+
+    Parameters
+    ----------
+    rot_ned_from_body : ndarray, shape (..., 3, 3)
+        Attitudes.
+    cov_ned_rad2 : ndarray, shape (..., 3, 3)
+        Covariances of their errors as small rotations in north, east, down.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        Radians.
+    """
+    angles = angle_covariance(np.asarray(rot_ned_from_body), np.asarray(cov_ned_rad2))
+    return np.sqrt(np.maximum(np.diagonal(angles, axis1=-2, axis2=-1), 0.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,8 +83,7 @@ class ErrorBudget:
     def angle_sd_rad(self, line: BudgetLine | None = None) -> np.ndarray:
         """Standard deviations of heading, pitch and roll from one source, or from all, shape (3,)."""
         cov = self.cov_ned_rad2 if line is None else line.cov_ned_rad2
-        angles = angle_covariance(self.rot_ned_from_body[None], cov[None])[0]
-        return np.sqrt(np.maximum(np.diag(angles), 0.0))
+        return angle_deviations(self.rot_ned_from_body, cov)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +125,14 @@ class NorthRun:
     time_s: np.ndarray
     angles_rad: np.ndarray
     sd_rad: np.ndarray
+
+    @classmethod
+    def of_attitudes(
+        cls, time_s: np.ndarray, rot_ned_from_body: np.ndarray, cov_ned_rad2: np.ndarray
+    ) -> NorthRun:
+        """Run of attitudes, shape (k, 3, 3), and the covariances of their errors in north, east, down."""
+        angles_rad = np.stack(heading_pitch_roll(rot_ned_from_body), axis=-1)
+        return cls(time_s, angles_rad, angle_deviations(rot_ned_from_body, cov_ned_rad2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -37,7 +37,6 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ..attitude.vectors import angle_covariance
 from ..constants import DPH_RADPS
 from ..errors import ConfigError, NoSolutionError
 from ..rotations import heading_pitch_roll, log_so3
@@ -51,7 +50,7 @@ from .budget import (
 )
 from .inertial import align_inertial
 from .site import Site
-from .solution import BudgetLine, ErrorBudget, NorthRun, NorthSolution
+from .solution import BudgetLine, ErrorBudget, NorthRun, NorthSolution, angle_deviations
 
 if TYPE_CHECKING:
     from ..sensors.imu import ImuDescription
@@ -204,9 +203,8 @@ def align_static(
     cov = wrapped_covariance(rot, cov)
     run = None
     if running:
-        angles = angle_covariance(rot[None], cov)
-        sd = np.sqrt(np.maximum(np.diagonal(angles, axis1=1, axis2=2), 0.0))
-        run = NorthRun(increments.time_s[edge], np.stack(heading_pitch_roll(attitude), axis=-1), sd)
+        angles_rad = np.stack(heading_pitch_roll(attitude), axis=-1)
+        run = NorthRun(increments.time_s[edge], angles_rad, angle_deviations(rot[None], cov))
     return NorthSolution(
         method="static" if form == "orthonormal" else "static-published",
         site=site,

@@ -107,5 +107,4 @@ def _deviations(errors: ImuDescription | None, length_s: float) -> tuple[float, 
     if errors is None:
         return 0.0, 0.0
     root = np.sqrt(length_s)
-    gyro = float(np.radians(errors.gyro_random_walk_deg_per_sqrt_h)) / 60.0 / root
-    return errors.accel_random_walk_mps_per_sqrt_h / 60.0 / root, gyro
+    return errors.accel_density_mps_per_sqrt_s / root, errors.gyro_density_rad_per_sqrt_s / root

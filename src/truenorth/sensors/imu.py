@@ -216,6 +216,16 @@ class ImuDescription(SampledSensor, frozen=True, forbid_unknown_fields=True, kw_
             refuse("name", self.name, "a name")
 
     @property
+    def gyro_density_rad_per_sqrt_s(self) -> float:
+        """float: White noise of a gyro, the angle random walk, rad/sqrt(s)."""
+        return float(np.radians(self.gyro_random_walk_deg_per_sqrt_h)) / 60.0
+
+    @property
+    def accel_density_mps_per_sqrt_s(self) -> float:
+        """float: White noise of an accelerometer, the velocity random walk, (m/s)/sqrt(s)."""
+        return self.accel_random_walk_mps_per_sqrt_h / 60.0
+
+    @property
     def rot_body_from_imu(self) -> np.ndarray:
         """ndarray, shape (3, 3): Axes of the unit in the body."""
         return rot_ned_from_body(*np.radians(self.mount_deg))
@@ -427,10 +437,7 @@ def allan_deviation(imu: ImuDescription, tau_s: np.ndarray) -> tuple[np.ndarray,
 
 def _densities(imu: ImuDescription) -> tuple[float, float]:
     """White noise of gyros, rad/sqrt(s), and accelerometers, (m/s)/sqrt(s)."""
-    return (
-        float(np.radians(imu.gyro_random_walk_deg_per_sqrt_h)) / 60.0,
-        imu.accel_random_walk_mps_per_sqrt_h / 60.0,
-    )
+    return imu.gyro_density_rad_per_sqrt_s, imu.accel_density_mps_per_sqrt_s
 
 
 def _steps(imu: ImuDescription) -> tuple[float, float]:

@@ -39,6 +39,7 @@ __all__ = [
     "flicker_components",
     "flicker_variance",
     "gauss_markov",
+    "gauss_markov_mean_covariance",
     "gauss_markov_variance",
     "poisson_events",
     "quantisation_variance",
@@ -201,6 +202,31 @@ def random_walk_variance(tau_s: np.ndarray, coefficient: float) -> np.ndarray:
 def quantisation_variance(tau_s: np.ndarray, step: float) -> np.ndarray:
     """Allan variance of increments read from an accumulating counter (IEEE Std 952-1997, annex C)."""
     return step**2 / 4.0 / np.asarray(tau_s, dtype=float) ** 2
+
+
+def gauss_markov_mean_covariance(lag: ArrayLike, ratio: ArrayLike) -> np.ndarray:
+    r"""Covariance of the means of a Gauss-Markov process of unit variance over equal intervals.
+
+    With x the interval over the time constant it is :math:`2 (x - 1 + e^{-x}) / x^2` of an interval with
+    itself, and :math:`e^{-(m-1)x} (1 - e^{-x})^2 / x^2` with the m-th after it.
+
+    Parameters
+    ----------
+    lag : int or ndarray of int
+        How many intervals apart, 0 or more.
+    ratio : float or ndarray
+        Interval over the time constant, positive.
+
+    Returns
+    -------
+    ndarray
+        Of the shape that both broadcast to.
+    """
+    m, x = np.asarray(lag), np.asarray(ratio, dtype=float)
+    # x - 1 + exp(-x) cancels below 1e-3, where its series has long converged.
+    wide = np.maximum(x, 1e-3)
+    same = np.where(x < 1e-3, 1.0 - x / 3.0, 2.0 * (wide + np.expm1(-wide)) / wide**2)
+    return np.where(m == 0, same, (np.expm1(-x) / x) ** 2 * np.exp(-np.maximum(m - 1, 0) * x))
 
 
 def sum_of_events(
