@@ -51,7 +51,7 @@ def run_north_budget(
     import numpy as np
 
     from ..export.planning import check_table_path, write_table
-    from ..northfinding import Site, judge, predict_budget
+    from ..northfinding import TURNING, Site, judge, predict_budget
     from ..report.north_text import budget_dict, budget_text, verdict_text
     from ..sensors.error_file import read_errors
 
@@ -64,23 +64,22 @@ def run_north_budget(
     for latitude in parse_numbers("--latitude", latitudes):
         site = Site(float(np.radians(latitude)))
         for duration in parse_numbers("--duration", durations):
-            for method in methods.split(","):
+            for method in map(str.strip, methods.split(",")):
                 budget = predict_budget(
                     stated,
                     site,
                     duration,
-                    method=method.strip(),
+                    method=method,
                     positions=positions,
                     heading_rad=float(np.radians(heading_deg)),
                 )
-                turned = method in ("positions", "carousel")
-                verdict = judge(budget, site, duration, required_rad, turned=turned)
+                verdict = judge(budget, site, duration, required_rad, turned=method in TURNING)
                 budgets.append((budget, verdict))
                 rows.append(
                     {
                         "latitude_deg": latitude,
                         "duration_s": duration,
-                        "method": method.strip(),
+                        "method": method,
                         "heading_sd_deg": float(np.degrees(verdict.achievable_heading_sd_rad)),
                         "limited_by": f"{budget.lines[0].source}, {budget.lines[0].stated}",
                         "able": bool(verdict.able),

@@ -16,6 +16,7 @@ _PUBLIC = {
     "NorthRun": "solution",
     "NorthSolution": "solution",
     "Site": "site",
+    "TURNING": "find",
     "TurntableNorth": "turntable",
     "Verdict": "solution",
     "align_carousel": "positions",

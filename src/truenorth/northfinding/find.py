@@ -18,7 +18,7 @@ from .checks import RecordFigures, check_record
 from .site import Site
 from .solution import NorthSolution, Verdict
 
-__all__ = ["DEFAULT_METHOD", "METHODS", "find_north"]
+__all__ = ["DEFAULT_METHOD", "METHODS", "TURNING", "find_north"]
 
 
 def _static(form: Any) -> Callable[..., NorthSolution]:
@@ -88,6 +88,12 @@ METHODS: dict[str, tuple[Callable[..., NorthSolution], str]] = {
 }
 """Method by name and what it is for."""
 
+TURNING = ("positions", "carousel")
+"""Methods whose record holds the turns of a table."""
+
+FILTERS = ("fine", "strapdown")
+"""Methods that cannot do without stated errors; the body may turn."""
+
 
 def find_north(
     record: ImuTable | InertialIncrements,
@@ -136,17 +142,17 @@ def find_north(
 
     if method not in METHODS:
         raise ConfigError(f"`{method}` is no method; choose {', '.join(METHODS)}", key="method", value=method)
-    if errors is None and method in ("fine", "strapdown"):
+    if errors is None and method in FILTERS:
         raise ConfigError(
             f"the filter of `{method}` weighs biases against noise; state the errors of the sensor",
             key="errors",
         )
-    moving = method in ("positions", "carousel", "fine", "strapdown")
+    moving = method in (*TURNING, *FILTERS)
     table = record if isinstance(record, ImuTable) else None
     increments = record.increments if isinstance(record, ImuTable) else record
     felt = check_record(increments, site, errors=errors, may_turn=moving, table=table)
     solution = METHODS[method][0](increments, site, errors=errors, running=running, **options)
-    turned = method in ("positions", "carousel")
+    turned = method in TURNING
     if solution.budget is None or errors is None:
         verdict = _unstated(solution, required_heading_sd_rad, turned)
     else:
